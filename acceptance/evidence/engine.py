@@ -242,7 +242,7 @@ def investigate(
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)
     asked = hypotheses(tuple(item.name for item in model.effects), settings.hypothesis)
     selection = Selection(
-        linearization=linearize(base, *recordings, settings),
+        linearization=linearize(base, *recordings),
         hypotheses=considered_hypotheses(asked, training),
         seed=seed,
         on_progress=lambda *_: None,

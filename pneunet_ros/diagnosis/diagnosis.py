@@ -191,7 +191,7 @@ def investigate_at_rest(
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     asked = hypotheses(tuple(effect.name for effect in model.effects), settings.hypothesis)
     selection = Selection(
-        linearization=linearize(base, *recordings, settings),
+        linearization=linearize(base, *recordings),
         hypotheses=considered_hypotheses(asked, training),
         seed=seed,
         on_progress=part_of(on_progress, 2, PARTS),
@@ -281,7 +281,6 @@ def linearize(
     fit: Fit,
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
-    settings: DiagnosisSettings,
 ) -> Linearization:
     """Linearize all recordings, thinned, around the base fit."""
     point = LinearizationPoint(
@@ -292,7 +291,7 @@ def linearize(
     )
     runs = [run.thin(BASE_FIT.frames) for run in (*training, *held_out)]
     noise = fit.parameters.frame.sensors
-    return Linearization(point, runs, len(training), noise, settings.linearization)
+    return Linearization(point, runs, len(training), noise)
 
 
 def conclude(

@@ -201,9 +201,9 @@ def linearize_experiments(
         item.recording(pressure_range, force, stamp_ns, targets, frames) for item in experiments
     ]
     runs, noise = (*training, *next_runs), fitted.noise
-    known = KnownInputs(runs, noise, fitted.settings, alternatives=len(next_runs))
+    known = KnownInputs(runs, noise, alternatives=len(next_runs))
     try:
-        return Linearization(refit.point, runs, len(training), noise, fitted.settings, known)
+        return Linearization(refit.point, runs, len(training), noise, known)
     except ModelError:
         return None
 

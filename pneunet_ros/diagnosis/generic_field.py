@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
@@ -38,7 +38,6 @@ class Regressors:
     names: tuple[str, ...]
     values: tuple[Array, ...]
     progress: tuple[Array, ...]
-    settings: LinearizationSettings
 
     @classmethod
     def of(
@@ -46,7 +45,6 @@ class Regressors:
         arm: Arm,
         runs: Sequence[RecordingData],
         all_inputs: Sequence[Inputs],
-        settings: LinearizationSettings = DEFAULTS.linearization,
     ) -> Regressors:
         """Collect the frames; the maximum pressure carries over between runs by their stamps."""
         low, high = arm.table_range
@@ -60,7 +58,7 @@ class Regressors:
             if not run.static:
                 reached = np.maximum(np.maximum.accumulate(run.pressure), highest)
                 highest = float(reached[-1])
-            below = (reached - run.pressure)[run.reading] > settings.unloading * span
+            below = (reached - run.pressure)[run.reading] > LINEARIZATION.unloading * span
             time = run.progress
             progress[which] = time
             pressure = (inputs.pressure - low) / span
@@ -70,7 +68,7 @@ class Regressors:
                 'p': pressure,
                 'p^2': pressure**2,
                 't': np.zeros_like(time) if run.static else 2.0 * time - 1.0,
-                **{past_name(m): high_pass(run, m) / span for m in settings.time_constants},
+                **{past_name(m): high_pass(run, m) / span for m in LINEARIZATION.time_constants},
                 'F1': f1,
                 'F2': f2,
                 'p F1': pressure * f1,
@@ -88,7 +86,6 @@ class Regressors:
             names=tuple(in_order[0]) if in_order else (),
             values=tuple(np.column_stack(list(table.values())) for table in in_order),
             progress=tuple(progress[which] for which in range(len(runs))),
-            settings=settings,
         )
 
     def columns(self, which: int, names: Sequence[str]) -> Array:
@@ -154,15 +151,14 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     knots (frames, 2 targets, knots): response of points to a curvature of 1/m at each knot; theta
     (frames, targets) rad.
     """
-    settings = regressors.settings
     frames, targets = theta.shape
     curvature = knots @ legendre.legvander(
-        2.0 * regressors.knots - 1.0, settings.curvature_modes - 1
+        2.0 * regressors.knots - 1.0, LINEARIZATION.curvature_modes - 1
     )
-    stretch = stretch_fields(regressors.arclength, theta, settings.stretch_modes)
+    stretch = stretch_fields(regressors.arclength, theta, LINEARIZATION.stretch_modes)
     # About the clamp: the way from there, turned by a right angle.
     rotation = np.concatenate([-stretch[:, targets:, :1], stretch[:, :targets, :1]], axis=1)
-    names, parts, past = [], [], past_name(settings.field_memory)
+    names, parts, past = [], [], past_name(LINEARIZATION.field_memory)
     for label, shapes, regressor_names in (
         ('curvature', curvature, regressors.names[1:]),
         ('stretch', stretch, STRETCH_REGRESSORS),
@@ -174,13 +170,13 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
         names += [f'{label} {mode} x {function}' for mode, function in pairs]
     shift = np.zeros((frames, 2 * targets, 2))
     shift[:, :targets, 0] = shift[:, targets:, 1] = 1.0
-    last = settings.windows - 1
+    last = LINEARIZATION.windows - 1
     position = last * regressors.progress[which][:, None]
     return Fields(
         names=tuple(names),
         generic=np.concatenate(parts, axis=2),
-        shapes=np.concatenate([curvature[:, :, : settings.window_modes], shift], axis=2),
-        weights=np.maximum(0.0, 1.0 - np.abs(position - np.arange(settings.windows))),
+        shapes=np.concatenate([curvature[:, :, : LINEARIZATION.window_modes], shift], axis=2),
+        weights=np.maximum(0.0, 1.0 - np.abs(position - np.arange(LINEARIZATION.windows))),
         regressors=regressors.columns(which, SINGLE_REGRESSORS),
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
 import scipy
 
 DRAWS = 2000  # simulations of clean data
@@ -137,7 +137,7 @@ def tested_fields(
 ) -> Iterable[tuple[str, range, list[Array]]]:
     """Yield the name of each test, its runs, and their fields (frames, 2 targets, n) m."""
     count = len(linearization.blocks)
-    size = linearization.settings.tolerance * linearization.length
+    size = LINEARIZATION.tolerance * linearization.length
     training, held_out = range(linearization.training), range(linearization.training, count)
     for label, runs in (('training', training), ('held out', held_out)):
         if not runs:

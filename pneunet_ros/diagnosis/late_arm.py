@@ -218,7 +218,7 @@ def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Tri
     """
     known, noise = found.selection.linearization, other.selection.linearization.noise
     point = trial.refit.point
-    quiet = Linearization(point, known.runs, known.training, noise, known.settings)
+    quiet = Linearization(point, known.runs, known.training, noise)
     selection = replace(found.selection, linearization=quiet, tried={}, candidates={}, opened=None)
     return selection.test_trial(trial.refit, None) or trial
 

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pneunet_ros.calibration.map_estimation import ScaledPrior
+from pneunet_ros.calibration.map_estimation import NONE, ScaledPrior
 from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
-from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import PATH_NODES, tilt_jacobian
@@ -25,7 +25,7 @@ from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.gauss_newton import Bounds
 from pneunet_ros.measurement.inputs import Inputs, inputs_at_instants
-from pneunet_ros.measurement.linearization import FittedRun, linearize
+from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.measurement.painted_targets import in_plane, paint
 from pneunet_ros.measurement.reading_filter import filter_readings
 from pneunet_ros.model.arm import Arm
@@ -40,14 +40,11 @@ class LinearizedRun:
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
     integrates out of whitened columns (rows, n); placed (frames, 2, targets) m: the part of the
     placement that `base` subtracts; fields: generic ones, and tilt: response of points to a tilt
-    of the image, neither whitened. model: start of searches for equilibria. load_error, tangent:
-    as in `measurement.linearization.RunLinearization`.
+    of the image, neither whitened. model: start of searches for equilibria. linear: without its
+    Jacobian and errors, which are large.
     """
 
-    fitted: FittedRun
-    load_error: Array
-    tangent: Array
-    whitening: Whitening
+    linear: RunLinearization
     model: ForwardModel
     path_filter: Whitening
     base: Array
@@ -59,28 +56,28 @@ class LinearizedRun:
     @property
     def run(self) -> RecordingData:
         """The recording."""
-        return self.fitted.run
+        return self.linear.fitted.run
 
     @property
     def log_volume(self) -> float:
         """Log of sqrt(det C / det D) of the errors used to whiten a run; see `Whitening`."""
-        return self.whitening.log_volume + self.path_filter.log_volume
+        return self.linear.whitening.log_volume + self.path_filter.log_volume
 
     @property
     def inputs(self) -> Inputs:
         """The inputs of the arm, as read."""
-        return self.fitted.inputs
+        return self.linear.fitted.inputs
 
     def white(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
-        return self.path_filter(self.whitening(columns).reshape(-1, columns.shape[2]))
+        return self.path_filter(self.linear.whitening(columns).reshape(-1, columns.shape[2]))
 
     def white_by_frame(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m frame by frame, (rows, frames n)."""
         frames, coordinates, count = columns.shape
         alone = np.zeros((frames, coordinates, frames, count))
         which = np.arange(frames)
-        alone[which, :, which] = self.whitening(columns)
+        alone[which, :, which] = self.linear.whitening(columns)
         return self.path_filter(alone.reshape(frames * coordinates, frames * count))
 
 
@@ -121,11 +118,10 @@ class KnownInputs:
         self,
         runs: Sequence[RecordingData],
         noise: SensorNoise,
-        settings: LinearizationSettings = DEFAULTS.linearization,
         alternatives: int = 0,
     ) -> None:
         self.common = len(runs) - alternatives
-        self.filtered = [filter_readings(run, noise, settings.reading_filter) for run in runs]
+        self.filtered = [filter_readings(run, noise, LINEARIZATION.reading_filter) for run in runs]
         self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
         self.shown: dict[float, list[RecordingData]] = {}
 
@@ -162,13 +158,11 @@ class Linearization:
         runs: Sequence[RecordingData],
         training: int,
         noise: SensorNoise,
-        settings: LinearizationSettings = DEFAULTS.linearization,
         known_inputs: KnownInputs | None = None,
     ) -> None:
-        self.settings = settings
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
-        self.known_inputs = known_inputs or KnownInputs(self.runs, noise, settings)
+        self.known_inputs = known_inputs or KnownInputs(self.runs, noise)
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
@@ -178,7 +172,7 @@ class Linearization:
         self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]
         self.position = np.linalg.solve(self.scale, values - self.mean)
         all_inputs = self.known_inputs.of(arm)
-        regressors = Regressors.of(arm, self.runs, all_inputs, settings)
+        regressors = Regressors.of(arm, self.runs, all_inputs)
         self.blocks = [
             self.block(prior, which, arm, inputs, regressors)
             for which, inputs in enumerate(all_inputs)
@@ -189,7 +183,7 @@ class Linearization:
                 [
                     block.base,
                     block.white(block.fields.generic * self.tolerance),
-                    block.white(block.tilt * settings.tilt),
+                    block.white(block.tilt * LINEARIZATION.tilt),
                 ],
                 axis=1,
             )
@@ -203,7 +197,7 @@ class Linearization:
         """Return the same or other runs around another point."""
         known = self.known_inputs if runs is None else None
         runs = runs or self.runs
-        return Linearization(point, runs, self.training, self.noise, self.settings, known)
+        return Linearization(point, runs, self.training, self.noise, known)
 
     def of_training(self) -> Linearization:
         """Return only the training runs, linearized at the same point."""
@@ -236,10 +230,7 @@ class Linearization:
         knots = linear.jacobian[:, :, : parameters.cells]
         knots = knots.reshape(*knots.shape[:2], parameters.pressure.size, -1).sum(axis=2)
         return LinearizedRun(
-            fitted=linear.fitted,
-            load_error=linear.load_error,
-            tangent=linear.tangent,
-            whitening=linear.whitening,
+            linear=replace(linear, jacobian=NONE, errors=NONE),
             model=model,
             path_filter=path_filter,
             base=path_filter(base),
@@ -252,14 +243,14 @@ class Linearization:
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
-        Together they move the points by `settings.tolerance` of the length (root mean square) in
-        frames with a shape.
+        Together they move the points by `LinearizationSettings.tolerance` of the length (root mean
+        square) in frames with a shape.
         """
         fields = [block.fields.generic for block in self.blocks]
         squares = sum(np.nansum(field**2, axis=(0, 1)) for field in fields)
         rows = sum(field.shape[0] * field.shape[1] for field in fields)
         rms = np.sqrt(np.asarray(squares) / rows)
-        tolerance = self.settings.tolerance * self.length / np.sqrt(rms.size)
+        tolerance = LINEARIZATION.tolerance * self.length / np.sqrt(rms.size)
         return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
 
     def bounds(self, base: Array, unknowns: int) -> Bounds:
@@ -287,7 +278,9 @@ class Linearization:
         out = []
         for place, predicted in zip(which, points, strict=True):
             block = self.blocks[place]
-            residual = (block.run.points - predicted).reshape(len(predicted), -1) + block.tangent
+            residual = (block.run.points - predicted).reshape(
+                len(predicted), -1
+            ) + block.linear.tangent
             out.append(block.white(residual[:, :, None])[:, 0])
         return out
 
@@ -301,13 +294,13 @@ class Linearization:
         all_inputs = self.known_inputs.of(arm)
         for place in which:
             block, inputs = self.blocks[place], all_inputs[place]
-            inputs = inputs.with_loads(inputs.loads + block.load_error)
+            inputs = inputs.with_loads(inputs.loads + block.linear.load_error)
             solved = block.model.solve(arm, inputs)
-            lost = block.fitted.counted.any(axis=1) & ~solved
-            if lost.mean() > self.settings.most_lost:
+            lost = block.linear.fitted.counted.any(axis=1) & ~solved
+            if lost.mean() > LINEARIZATION.most_lost:
                 return None
             # A frame without equilibrium carries no information: as if the model were right there.
-            as_seen = block.run.points + block.tangent.reshape(block.run.points.shape)
+            as_seen = block.run.points + block.linear.tangent.reshape(block.run.points.shape)
             fields = block.model.fields
             beside = paint(
                 fields[:, THETA], fields[:, CURVATURE], self.point.placement

@@ -45,13 +45,13 @@ def residuals_of(refit: Refit, linearization: Linearization) -> list[Array] | No
 
 def with_more_noise(linearization: Linearization, random: np.random.Generator) -> Linearization:
     """Return the linearization with twice the reading noise in effects with memory."""
-    std, settings = linearization.noise.pressure_std, linearization.settings
+    std = linearization.noise.pressure_std
     noisy = [
         replace(run, pressure=run.pressure + std * random.standard_normal(run.pressure.size))
         for run in linearization.runs
     ]
     louder = replace(linearization.noise, pressure_std=float(np.sqrt(2.0)) * std)
-    known = KnownInputs(noisy, louder, settings)
+    known = KnownInputs(noisy, louder)
     known.filtered = [
         # Of a frame's own reading, the noise stays as it was.
         replace(after, noise=after.noise + run.frame_pressure - more.frame_pressure)

@@ -186,7 +186,8 @@ class AugmentedModelSettings:
     settled: float = tuning(0.3, 'step at which the fit has converged', unit='std of all')
 
 
-BASE_FIT, SCORE_TEST = BaseFitSettings(), ScoreTestSettings()
+BASE_FIT, LINEARIZATION = BaseFitSettings(), LinearizationSettings()
+SCORE_TEST = ScoreTestSettings()
 LAW_ERRORS, LACK_OF_FIT = LawErrorSettings(), LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
@@ -198,6 +199,7 @@ class FixedSettings:
     """Settings that are the same in every diagnosis, as they are recorded with its result."""
 
     base_fit: BaseFitSettings = BASE_FIT
+    linearization: LinearizationSettings = LINEARIZATION
     score_test: ScoreTestSettings = SCORE_TEST
     law_errors: LawErrorSettings = LAW_ERRORS
     lack_of_fit: LackOfFitSettings = LACK_OF_FIT
@@ -214,7 +216,6 @@ class DiagnosisSettings:
     """The settings of a diagnosis."""
 
     calibration: CalibrationSettings = CALIBRATION
-    linearization: LinearizationSettings = LinearizationSettings()
     hypothesis: HypothesisSettings = HypothesisSettings()
     confirmation: ConfirmationSettings = ConfirmationSettings()
     fixed: FixedSettings = FixedSettings()

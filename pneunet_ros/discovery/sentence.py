@@ -32,18 +32,16 @@ def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
     """Describe an oscillating cause: its kind and period; no measurement predicts it."""
-    grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
-    if not swing.periodic:
-        return (
-            f'{begin(kind, location)}: the {kind.amplitude} changes by itself, over about '
-            f'{swing.period:.2g} s and without a period ({swing.size * kind.prior:.2g} '
-            f'{kind.unit} rms).{tied_words(tied)} It depends on no measured quantity, so no model '
-            'can predict it.'
-        )
+    size = f'{swing.size * kind.prior:.2g} {kind.unit}'
+    changes = (
+        f'changes by itself, over about {swing.period:.2g} s and without a period ({size} rms)'
+    )
+    if swing.periodic:
+        grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
+        changes = f'oscillates with a period of {swing.period:.3g} s{grows} (up to {size})'
     return (
-        f'{begin(kind, location)}: the {kind.amplitude} oscillates with a period of '
-        f'{swing.period:.3g} s{grows} (up to {swing.size * kind.prior:.2g} {kind.unit}).'
-        f'{tied_words(tied)} It depends on no measured quantity, so no model can predict it.'
+        f'{begin(kind, location)}: the {kind.amplitude} {changes}.{tied_words(tied)} It depends '
+        'on no measured quantity, so no model can predict it.'
     )
 
 

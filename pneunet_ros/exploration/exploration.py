@@ -110,7 +110,7 @@ def explore(
         rounds.append(item)
         yield item
         before = item.diagnosis or before
-        if name_stayed(rounds, settings):
+        if name_stayed(rounds):
             return
         on_progress('the next recording', 0, 0)
         if in_order:
@@ -119,17 +119,17 @@ def explore(
             choice = next_choice(investigation, rivals, safe, len(runs), settings)
 
 
-def name_stayed(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
+def name_stayed(rounds: Sequence[Round]) -> bool:
     """Whether the last name appeared in earlier rounds, so that a recording tested it."""
-    names = [named_effects(item.investigation) for item in rounds[-settings.stays :]]
-    return len(names) == settings.stays and bool(names[-1]) and len({*names}) == 1
+    names = [named_effects(item.investigation) for item in rounds[-EXPLORATION.stays :]]
+    return len(names) == EXPLORATION.stays and bool(names[-1]) and len({*names}) == 1
 
 
-def is_clear(rounds: Sequence[Round], settings: ExplorationSettings = EXPLORATION) -> bool:
+def is_clear(rounds: Sequence[Round]) -> bool:
     """Whether the last answer is final: a confirmed name, or `none` with nothing undetectable."""
     last = rounds[-1]
     nothing_missing = last.investigation.diagnosis.answer == 'none' and not last.undetectable
-    return nothing_missing or name_stayed(rounds, settings)
+    return nothing_missing or name_stayed(rounds)
 
 
 def diagnosis_settings(count: int) -> DiagnosisSettings:

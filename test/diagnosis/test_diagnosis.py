@@ -25,7 +25,7 @@ from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.refit import refit
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.diagnosis.selection import Record, Selection
-from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.diagnosis.settings import DEFAULTS, LINEARIZATION
 from pneunet_ros.diagnosis.verdict import describe_verdict, Verdict
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
@@ -99,7 +99,7 @@ def test_a_camera_that_no_dot_at_the_clamp_shows_is_no_finding():
 
 
 @pytest.mark.slow
-def test_a_picture_that_is_a_little_tilted_is_no_finding():
+def test_a_picture_that_is_a_little_tilted_is_no_finding(monkeypatch):
     def askew(run):
         scale = 1.0 + 0.008 * (run.x / frame().length - 0.5)
         return replace(run, x=run.x * scale, y=run.y * scale)
@@ -107,8 +107,9 @@ def test_a_picture_that_is_a_little_tilted_is_no_finding():
     ramp, _, strings, _, mix = (askew(run) for run in recorded())
     answer = diagnose(frame(), [strings, ramp], [mix], seed=3)
     assert answer.answer == 'none'
-    parallel = replace(DEFAULTS, linearization=replace(DEFAULTS.linearization, tilt=1e-9))
-    other = diagnose(frame(), [strings, ramp], [mix], seed=3, settings=parallel)
+    parallel = replace(LINEARIZATION, tilt=1e-9)
+    monkeypatch.setattr('pneunet_ros.diagnosis.linearization.LINEARIZATION', parallel)
+    other = diagnose(frame(), [strings, ramp], [mix], seed=3)
     assert other.adequacy_before.p_value < 1e-3 * answer.adequacy_before.p_value
 
 

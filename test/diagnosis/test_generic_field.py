@@ -17,7 +17,7 @@ from pneunet_ros.diagnosis.generic_field import (
     stretch_fields,
     STRETCH_REGRESSORS,
 )
-from pneunet_ros.diagnosis.settings import LinearizationSettings
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -28,7 +28,6 @@ import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
 
-SETTINGS = LinearizationSettings()
 FRAMES = 9
 PRESSURE = np.linspace(2e3, 50e3, FRAMES)
 FORCE = np.column_stack([np.linspace(0.02, 0.1, FRAMES), np.linspace(0.05, -0.05, FRAMES)])
@@ -62,11 +61,13 @@ def points_of(arm: Arm, inputs: Inputs) -> Array:
     return series.points.reshape(FRAMES, -1).copy()
 
 
-@pytest.mark.parametrize('mode', range(SETTINGS.curvature_modes))
+@pytest.mark.parametrize('mode', range(LINEARIZATION.curvature_modes))
 def test_a_curvature_mode_bends_the_arm(mode):
     arm, _, inputs, _, regressors, _ = loaded()
     table = arm.intrinsic_curvature
-    shape = legendre.legval(2.0 * table.arclength - 1.0, np.eye(SETTINGS.curvature_modes)[mode])
+    shape = legendre.legval(
+        2.0 * table.arclength - 1.0, np.eye(LINEARIZATION.curvature_modes)[mode]
+    )
 
     def bent(size: float) -> Array:
         curvature = replace(table, curvature=table.curvature + size * shape)
@@ -154,7 +155,7 @@ def test_windows_and_single_targets():
     arm, _, _, fields, _, _ = loaded()
     targets = arm.target_arclength.size
     assert fields.weights.sum(axis=1) == pytest.approx(np.ones(FRAMES))
-    windows = fields.windows().reshape(FRAMES, 2 * targets, -1, SETTINGS.windows)
+    windows = fields.windows().reshape(FRAMES, 2 * targets, -1, LINEARIZATION.windows)
     assert windows.sum(axis=3) == pytest.approx(fields.shapes, abs=1e-12)
     moved = fields.shapes[:, :, -2:]
     assert moved[:, :targets].tolist() == np.tile([1.0, 0.0], (FRAMES, targets, 1)).tolist()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.disturbances import (
     camera_path,
     disturbance_jacobian,
@@ -117,6 +117,6 @@ def test_a_tilted_picture_is_that_of_a_camera_that_looks_askew():
     seen = points * (distance / (distance - nearer))[:, None]
     moved = (seen - points).reshape(9, -1)
     size = math.sin(angle) * arm.length / distance
-    assert size == pytest.approx(DEFAULTS.linearization.tilt, rel=0.05)
+    assert size == pytest.approx(LINEARIZATION.tilt, rel=0.05)
     found = tilt_jacobian(points, arm.length)[:, :, 0] * size
     assert found == pytest.approx(moved, abs=0.01 * np.abs(moved).max())

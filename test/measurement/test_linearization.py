@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
-from pneunet_ros.diagnosis.settings import LinearizationSettings
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
@@ -106,7 +106,7 @@ def test_harmless_departures_move_points_by_their_tolerance_together():
         squares += float(np.sum((block.fields.generic * found.tolerance) ** 2))
         rows += block.fields.generic.shape[0] * block.fields.generic.shape[1]
     assert np.sqrt(squares / rows) == pytest.approx(
-        LinearizationSettings().tolerance * found.length, rel=1e-6
+        LINEARIZATION.tolerance * found.length, rel=1e-6
     )
     felt = [np.any(block.fields.generic, axis=(0, 1)) for block in found.blocks]
     assert np.array_equal(found.tolerance > 0.0, np.any(felt, axis=0))
@@ -121,10 +121,10 @@ def test_a_frame_without_a_shape_counts_nothing_and_harmless_departures_stay():
     runs = [*found.runs[:loaded], replace(run, pressure=pressure), *found.runs[loaded + 1 :]]
     lost = found.at(found.point, runs)
     block = lost.blocks[loaded]
-    assert np.flatnonzero(~block.fitted.solved).tolist() == [5]
+    assert np.flatnonzero(~block.linear.fitted.solved).tolist() == [5]
     assert all(np.isfinite(columns).all() for columns in lost.fixed)
     rows = lost.fixed[loaded].reshape(FRAMES, -1)
-    assert np.abs(block.whitening(block.fields.generic)[5]).max() == 0.0
+    assert np.abs(block.linear.whitening(block.fields.generic)[5]).max() == 0.0
     assert np.abs(rows[4]).max() > 0.0
     assert np.array_equal(lost.tolerance > 0.0, found.tolerance > 0.0)
 
@@ -136,7 +136,7 @@ def test_what_was_not_seen_counts_nothing():
     assert hidden.any()
     run = found.blocks[0]
     rows = ~np.repeat(run.run.seen[:, None], 2, axis=1).ravel()
-    field = run.whitening(run.fields.generic).reshape(rows.size, -1)
+    field = run.linear.whitening(run.fields.generic).reshape(rows.size, -1)
     assert not field[rows].any()
 
 
@@ -153,7 +153,7 @@ def test_an_effect_beside_the_model_is_the_model_with_it():
         run = found.runs[which]
         block = found.blocks[which]
         apart = (np.stack([run.x, run.y], axis=1) - points[which]).reshape(FRAMES, -1)
-        white = block.white((apart + block.tangent)[:, :, None])[:, 0]
+        white = block.white((apart + block.linear.tangent)[:, :, None])[:, 0]
         assert values == pytest.approx(white, abs=1e-4)
 
 

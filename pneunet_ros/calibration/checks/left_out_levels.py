@@ -127,7 +127,7 @@ def leave_levels_out(
     tip = np.concatenate([run.x[:, -1] + 1j * run.y[:, -1] for run in runs])
     turn, with_turn = tip_turns(runs, arm)
     is_angle = not np.isfinite(tip).any()
-    known = with_turn if is_angle else np.isfinite(tip)
+    measured, known = (turn, with_turn) if is_angle else (tip, np.isfinite(tip))
     inner = [index for index in range(1, count - 1) if known[part == index].any()]
     if len(inner) < LEFT_OUT.fewest - 2:
         return None
@@ -140,24 +140,19 @@ def leave_levels_out(
     for index in inner:
         out, kept = known & (part == index), known & (part != index)
         fitted = refit(without(runs, part == index))
-        at = pressure[out]
+        at, there = pressure[out], measured[out]
         changes.append(fitted.values - full.values)
-        predicted, before = tip_of(fitted, at), tip_of(full, at)
+        predicted, before = (tip_of(fit, at)[is_angle] for fit in (fitted, full))
         arc = interpolated(pressure[kept], bend[kept], at)
         if is_angle:
-            errors['model'].append(heading_residual(turn[out], predicted[1] - arm.clamp_angle))
-            errors['arc'].append(turn[out] - arc * arm.reach)
-            plain = interpolated(pressure[kept], turn[kept], at)
-            errors['interpolation'].append(turn[out] - plain)
-            moved += float(np.sum((predicted[1] - before[1]) ** 2))
+            off = heading_residual(turn[out], predicted.real - arm.clamp_angle)
+            left = off, there - arc * arm.reach
         else:
-            errors['model'].append(np.abs(tip[out] - predicted[0]))
-            errors['arc'].append(np.abs(tip[out] - arc_tip(arm, arc)))
-            plain = interpolated(pressure[kept], tip[kept].real, at) + 1j * interpolated(
-                pressure[kept], tip[kept].imag, at
-            )
-            errors['interpolation'].append(np.abs(tip[out] - plain))
-            moved += float(np.sum(np.abs(predicted[0] - before[0]) ** 2))
+            left = there - predicted, there - arc_tip(arm, arc)
+        plain = there - interpolated(pressure[kept], measured[kept], at)
+        for name, error in zip(errors, (*left, plain), strict=True):
+            errors[name].append(np.abs(error))
+        moved += float(np.sum(np.abs(predicted - before) ** 2))
         expected += tip_variance(full, at, is_angle=is_angle)
     rms = {name: float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for name, e in errors.items()}
     if not all(math.isfinite(value) for value in rms.values()):
@@ -199,6 +194,9 @@ def without(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingDat
 
 def interpolated(pressure: Array, values: Array, at: Array) -> Array:
     """Interpolate values between pressures by a monotone cubic through the means."""
+    if np.iscomplexobj(values):
+        x, y = (interpolated(pressure, part, at) for part in (values.real, values.imag))
+        return x + 1j * y
     step = SAME_LEVEL * float(np.ptp(pressure)) or 1.0
     levels, which = np.unique(np.round(pressure / step), return_inverse=True)
     mean = np.bincount(which, values) / np.bincount(which)
