@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import ModelError
 from pneunet_ros.effects.effect import History, Load, NOTHING, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
-from pneunet_ros.model.neighbors import neighbors
 from pneunet_ros.model.record import Record
 from pneunet_ros.solver.columns import CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
 from pneunet_ros.solver.rod import Rods, RodTable
 
+COLUMN_STEP = 0.01  # sigma; step of a central difference along a column of the covariance
 PRESSURE_STEP = 1e-5  # of the calibrated range; step of a central difference
 # Of weight and length; step of a central difference, for what effects make of a load.
 LOAD_STEP = 1e-4
@@ -158,7 +159,6 @@ TABLES = tuple(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PerturbationTable:
     """An arm and its neighbors along the columns of its covariance, as one table over pressure.
 
@@ -166,78 +166,61 @@ class PerturbationTable:
     form one linear table over the union of their rows. It includes constant contributions of
     effects; contributions that depend on pressure or history are added at each call.
 
-    further: columns in addition to those of the covariance: change of each quantity per unit;
-    neighbors: the arm before each column, then the arm after each; distance (1 + columns,):
-    between the sides, in Pa for the pressure and in sigma for the columns; length, knots and
-    same_places: as in the changes, independent of pressure. table: of all sides: the arm itself
-    and the arms before each column, then the arm itself and those after; own: of the arm alone;
-    clamp: of all sides.
+    neighbors: the arm before each column, then the arm after each; sides: the arm itself and the
+    arms before each column, then the arm itself and those after. distance (1 + columns,): between
+    the sides, in Pa for the pressure and in sigma for the columns; length, knots and same_places:
+    as in the changes, independent of pressure. table, clamp: of all sides; own: of the arm alone.
     """
 
-    arm: Arm
-    further: tuple[Mapping[str, float], ...] = ()
-    neighbors: tuple[Arm, ...] = field(init=False, repr=False)
-    own: RodTable = field(init=False, repr=False)
-    distance: Array = field(init=False, repr=False)
-    length: Array = field(init=False, repr=False)
-    knots: Array = field(init=False, repr=False)
-    same_places: bool = field(init=False, repr=False)
-    clamp: Array = field(init=False, repr=False)
-    table: RodTable = field(init=False, repr=False)
-    row_rotation: Array = field(init=False, repr=False)
-    changing: tuple[int, ...] = field(init=False, repr=False)
-    alike: tuple[tuple[slice, Arm], ...] = field(init=False, repr=False)
+    def __init__(self, *, arm: Arm, further: Sequence[Mapping[str, float]] = ()) -> None:
+        """Stack the neighbors.
 
-    def __post_init__(self) -> None:
-        """Stack the neighbors."""
-        arm = self.arm
+        further: columns in addition to those of the covariance: change of each quantity per unit.
+        """
+        self.arm = arm
         known = () if arm.covariance is None else arm.covariance.columns()
-        columns = (*known, *self.further)
-        pairs = [neighbors(arm, column) for column in columns]
+        pairs = [neighbors(arm, column) for column in (*known, *further)]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         by_cause = [[arm, *befores], [arm, *afters]]
-        sides = tuple(by_cause[0] + by_cause[1])
-        same_places = all(
-            side.reach == arm.reach and np.array_equal(side.knots, arm.knots) for side in sides
+        self.neighbors = (*befores, *afters)
+        self.sides = (*by_cause[0], *by_cause[1])
+        self.same_places = all(
+            side.reach == arm.reach and np.array_equal(side.knots, arm.knots)
+            for side in self.sides
         )
-        distance = [2.0 * pressure_step(arm), *(pair[2] for pair in pairs)]
-        rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
-        clamp = np.zeros((len(sides), CLAMP_WIDTH))
+        self.distance = np.array([2.0 * pressure_step(arm), *(pair[2] for pair in pairs)])
+        self.length = np.array([[item.reach for item in side] for side in by_cause])
+        self.knots = np.array([[item.knots for item in side] for side in by_cause])
+        rows = reduce(np.union1d, (side.table.pressure for side in self.sides), arm.table.pressure)
+        clamp = np.zeros((len(self.sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
-        changing = tuple(place for place, item in enumerate(terms) if added_at_each_call(item))
-        sections, rotation = [], []
-        for place, side in enumerate(sides):
-            records = constant_records(side, rows, changing, clamp[place : place + 1])
-            sections.append(records[0])
-            rotation.append(records[1])
-        own = constant_records(arm, arm.table.pressure, changing, clamp[:1].copy())
-        stacked = RodTable(
+        self.changing = tuple(
+            place for place, item in enumerate(terms) if added_at_each_call(item)
+        )
+        sections, rotation = zip(
+            *(
+                constant_records(side, rows, self.changing, clamp[place : place + 1])
+                for place, side in enumerate(self.sides)
+            ),
+            strict=True,
+        )
+        own = constant_records(arm, arm.table.pressure, self.changing, clamp[:1].copy())
+        self.table = RodTable(
             pressure=freeze(rows),  # kernels are compiled again for what may be written
             sections=freeze(np.concatenate(sections, axis=1)),
             rotation=freeze(np.concatenate(rotation, axis=1)),
         )
-        values = {
-            'neighbors': tuple(befores + afters),
-            'own': RodTable(
-                pressure=arm.table.pressure, sections=freeze(own[0]), rotation=freeze(own[1])
-            ),
-            'distance': np.array(distance),
-            'length': np.array([[item.reach for item in side] for side in by_cause]),
-            'knots': np.array([[item.knots for item in side] for side in by_cause]),
-            'same_places': same_places,
-            'clamp': freeze(clamp),
-            'table': stacked,
-            'row_rotation': np.array(
-                [
-                    side.on_knots(over_meters(side.intrinsic_curvature.rotation, side.length))
-                    for side in sides
-                ]
-            ),
-            'changing': changing,
-            'alike': group_equal_terms(sides, changing),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        self.own = RodTable(
+            pressure=arm.table.pressure, sections=freeze(own[0]), rotation=freeze(own[1])
+        )
+        self.clamp = freeze(clamp)
+        self.row_rotation = np.array(
+            [
+                side.on_knots(over_meters(side.intrinsic_curvature.rotation, side.length))
+                for side in self.sides
+            ]
+        )
+        self.alike = group_equal_terms(self.sides, self.changing)
 
     def at(
         self,
@@ -321,17 +304,6 @@ class PerturbationTable:
             change = change.followed_by(load_change(arm, pressure, history, load))
         return every.record(0), change
 
-    @property
-    def sides(self) -> tuple[Arm, ...]:
-        """The arms of the table, in its order."""
-        columns = self.distance.size - 1
-        return (
-            self.arm,
-            *self.neighbors[:columns],
-            self.arm,
-            *self.neighbors[columns:],
-        )
-
     def with_terms(
         self,
         record: Record,
@@ -358,6 +330,29 @@ class PerturbationTable:
         found = arm.add_to(terms, own, mixed)
         places = np.tile(found.push_place, (len(found.sections), 1))
         return replace(found, push_place=places)
+
+
+def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
+    """Return the arms displaced to both sides along a covariance column, and the step.
+
+    column: change of each quantity by one sigma; the distance is in sigma. A side on which a
+    quantity would leave its bounds is replaced by the arm itself. Raises ModelError if this
+    happens on both sides.
+    """
+    sides, distance = [arm, arm], 0.0
+    for side, sign in enumerate((-1.0, 1.0)):
+        try:
+            step = {name: sign * COLUMN_STEP * std for name, std in column.items()}
+            sides[side] = arm.with_changes(step)
+            distance += COLUMN_STEP
+        except ModelError as error:
+            reason = error
+    if distance == 0.0:
+        raise ModelError(
+            f'covariance: a column leads out of bounds in both directions: {reason}',
+            reason='out_of_bounds',
+        )
+    return sides[0], sides[1], distance
 
 
 def constant_records(

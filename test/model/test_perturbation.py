@@ -11,8 +11,7 @@ from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.softening import Softening
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.neighbors import neighbors
-from pneunet_ros.model.perturbation import PerturbationTable, with_pressure_change
+from pneunet_ros.model.perturbation import neighbors, PerturbationTable, with_pressure_change
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm

@@ -24,7 +24,7 @@ from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, steady_inputs
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.neighbors import neighbors
+from pneunet_ros.model.perturbation import neighbors
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
 

@@ -1,8 +1,12 @@
-"""Cross-validation over pressures of a calibration with few numbers, against two baselines.
+"""Fits without some pressures, or without one loaded recording, compared with the whole fit.
 
-The baselines use no rod model: an arc of the length of the arm whose curvature is interpolated
-over the pressure, and plain interpolation of the tip. It is reported if these do as well. The
-error bars include the change of the fit without a pressure (jackknife).
+Cross-validation over pressures of a calibration with few numbers uses two baselines without a rod
+model: an arc of the length of the arm whose curvature is interpolated over the pressure, and plain
+interpolation of the tip. It is reported if these do as well.
+
+Two fits, with and without a part, should differ by as much as that part reduces the covariance. A
+model error, or a wrongly stated load, makes them differ by more. This excess is added to the
+covariance (jackknife).
 
 Source: Efron and Stein, Ann. Statist. 9 (1981).
 """
@@ -16,8 +20,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.first_curvature import arc_curvature, tip_turns
-from pneunet_ros.calibration.low_rank import jacobian_at
+from pneunet_ros.calibration.low_rank import jacobian_at, run_inputs
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.settings import tuning
@@ -139,7 +144,7 @@ def leave_levels_out(
     moved, expected, changes = 0.0, 0.0, list[Array]()
     for index in inner:
         out, kept = known & (part == index), known & (part != index)
-        fitted = refit(without(runs, part == index))
+        fitted = refit(without_frames(runs, part == index))
         at, there = pressure[out], measured[out]
         changes.append(fitted.values - full.values)
         predicted, before = (tip_of(fit, at)[is_angle] for fit in (fitted, full))
@@ -158,11 +163,10 @@ def leave_levels_out(
     if not all(math.isfinite(value) for value in rms.values()):
         return None
     changed = math.sqrt(moved / expected) if expected > 0.0 else 1.0
-    more = max(1.0 - 1.0 / max(changed, 1.0) ** 2, 0.0) * (len(inner) - 1) / len(inner)
     return LeftOutLevels(
         levels=len(inner),
         changed=changed,
-        excess=math.sqrt(more) * np.column_stack(changes),
+        excess=jackknife_excess(changed, changes),
         is_angle=is_angle,
         **rms,
     )
@@ -181,7 +185,7 @@ def parts_of(pressure: Array, most: int) -> Array:
     return np.minimum(((pressure - low) / span * most).astype(np.int64), most - 1)
 
 
-def without(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingData]:
+def without_frames(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingData]:
     """Return the runs without the marked frames (all frames of all runs,)."""
     kept, start = list[RecordingData](), 0
     for run in runs:
@@ -252,3 +256,65 @@ def tip_variance(fit: Fit, pressure: Array, *, is_angle: bool) -> float:
     rows = [*range(size), size + targets - 1, size + 2 * targets - 1]
     covariance = fit.shared_covariance[np.ix_(rows, rows)]
     return float(np.einsum('fij,jk,fik->', whole, covariance, whole))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LeftOutRecordings:
+    """Changes of a fit when each of some recordings is left out.
+
+    changed: tip displacement in the recording left out, relative to its standard error; excess
+    (parameters, recordings): columns added to the covariance if that is larger than 1.
+    """
+
+    recordings: int
+    changed: float
+    excess: Array
+
+    @property
+    def sentences(self) -> list[str]:
+        """Describe the changes for users if they exceed the stated errors."""
+        if not self.excess.any():
+            return []
+        return [
+            Note(
+                f'{self.recordings} loaded recordings were left out of the fit in turn. This '
+                f'moves the tip by {self.changed:.2g} times its standard error, so the standard '
+                'errors were widened. Check the loads (--end-load, --wrench-sign), then run '
+                'pneunet diagnose to find a model error',
+                reason='left_out_recordings',
+            )
+        ]
+
+
+def leave_recordings_out(full: Fit, without: Sequence[Fit]) -> LeftOutRecordings | None:
+    """Compare a fit with fits that leave out one recording each; None if impossible."""
+    moved, expected, changes = 0.0, 0.0, list[Array]()
+    tip = np.array([0.0, full.arm.reach])
+    for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):
+        inputs = run_inputs(left_out, EXPERIMENTS.covariance_frames)
+        points, both = [], np.ones(len(inputs.pressure), dtype=np.bool_)
+        for fit in (full, fitted):
+            model = ForwardModel(tip)
+            both &= model.solve(fit.arm, inputs)
+            points.append(model.points[:, :, -1])
+        moved += float(np.sum((points[1] - points[0])[both] ** 2))
+        jacobian = jacobian_at(full, inputs.subset(np.flatnonzero(both)), tip)
+        more = fitted.covariance - full.covariance
+        expected += max(float(np.einsum('ij,jk,ik->', jacobian, more, jacobian)), 0.0)
+        changes.append(fitted.values - full.values)
+    if not expected > 0.0:
+        return None
+    changed = math.sqrt(moved / expected)
+    excess = jackknife_excess(changed, changes)
+    return LeftOutRecordings(recordings=len(without), changed=changed, excess=excess)
+
+
+def jackknife_excess(changed: float, changes: Sequence[Array]) -> Array:
+    """Return the columns (parameters, parts) to be added to the covariance of a fit.
+
+    changed: change of the prediction relative to its standard error; changes (parameters,): of the
+    fit without each part.
+    """
+    count = len(changes)
+    more = max(1.0 - 1.0 / max(changed, 1.0) ** 2, 0.0) * (count - 1) / count
+    return math.sqrt(more) * np.column_stack(changes)
