@@ -32,6 +32,7 @@ def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, A
         next_step=next_step,
         command=command,
         fleet=data.fleet,
+        level=FLEET.level,
         effects=effects_sentence(data),
         rare=rare_sentences(data),
         failed=[item for item in data.arms if item.failed],
