@@ -61,10 +61,8 @@ class LabRecording:
     reading_stamp_ns, pressure (readings,): all pressure readings; wrench_stamp_ns, wrench_force
     (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none if the arm is never loaded
     (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN where a target was
-    not seen. reading (frames,) is the pressure reading nearest to each frame, force (frames, 2)
-    and moment (frames,) the nearest wrench reading, exactly zero if nothing hangs on the arm.
-    motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2: readings of an
-    accelerometer at the clamp, in the base frame.
+    not seen. motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2:
+    readings of an accelerometer at the clamp, in the base frame.
     """
 
     scenario: Scenario
@@ -75,9 +73,6 @@ class LabRecording:
     wrench_force: Array
     wrench_moment: Array
     stamp_ns: Stamps
-    reading: Stamps
-    force: Array
-    moment: Array
     x: Array
     y: Array
     truth: LabTruth

@@ -16,7 +16,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape, middle_joints
 from pneunet_ros.lab.lab_effect import Course, Past
-from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
+from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.moving_arm import MotionTruth, moving_shape, MovingShape
 from pneunet_ros.lab.scenario import Scenario
@@ -288,7 +288,6 @@ def measure(
     force = force + noise.force_std * random.standard_normal(force.shape)
     moment = noise.moment_std * random.standard_normal(len(force))
     force, moment = force * hanging[:, None], moment * hanging
-    nearest_wrench = nearest_stamps(stamp[1], stamp[2])
     points = np.stack([truth.target_x, truth.target_y], axis=-1)
     for effect in scenario.effects:
         points = effect.see(arm, points, share)
@@ -308,9 +307,6 @@ def measure(
         wrench_force=freeze(force[kept]),
         wrench_moment=freeze(moment[kept]),
         stamp_ns=stamp[2],
-        reading=nearest_stamps(stamp[0], stamp[2]),
-        force=freeze(force[nearest_wrench]),
-        moment=freeze(moment[nearest_wrench]),
         x=freeze(np.ascontiguousarray(points[..., 0])),
         y=freeze(np.ascontiguousarray(points[..., 1])),
         truth=truth,
@@ -326,11 +322,3 @@ def read_sensors(scenario: Scenario, pressure: Array, force: Array) -> tuple[Arr
     for effect in scenario.effects:
         pressure, force = effect.read(scenario.arm, pressure, force)
     return pressure, force
-
-
-def nearest_stamps(stamp_ns: Stamps, wanted_ns: Stamps) -> Stamps:
-    """Return the index of the nearest of increasing stamps to each one wanted."""
-    after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, stamp_ns.size - 1)
-    earlier = wanted_ns - stamp_ns[after - 1] <= stamp_ns[after] - wanted_ns
-    chosen: Stamps = (after - earlier).astype(np.int64)
-    return chosen

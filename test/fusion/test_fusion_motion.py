@@ -23,7 +23,7 @@ from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
 import pytest
-from support.lab_run import true_model
+from support.lab_run import readings_at_frames, true_model
 
 pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
 
@@ -83,13 +83,14 @@ def fused(loaded: bool, wrench: bool, known: bool = True):
     by = fusion()
     if not known:
         by = Fusion(arm=dataclasses.replace(by.arm, motion=None))
+    _, forces, _ = readings_at_frames(recording)
     truth, state, rows, estimates = recording.truth, FusionState(), [], []
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
         events: list = []
         if instant >= LATE and not (instant - LATE) % EVERY:
             events.append(sightings(recording, instant - LATE))
         if wrench:
-            force_x, force_y = recording.force[instant].tolist()
+            force_x, force_y = forces[instant].tolist()
             events.append(
                 WrenchReading(
                     stamp_ns=stamp,

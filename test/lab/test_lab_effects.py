@@ -22,6 +22,7 @@ from pneunet_ros.model.equilibrium import solve_rod
 import pytest
 from support.example_arms import paper_arm
 from support.lab_pairs import lab_arm_of, NOISELESS
+from support.lab_run import readings_at_frames
 from support.refusals import refused
 
 PROTOCOL = Strings(
@@ -70,9 +71,10 @@ def modelled(recording, effects):
     """Return x, y (frames, targets) that the model claims, driven by the readings."""
     arm = paper_arm(tuple(effects))
     history, before, start, claims = None, 0, None, []
-    frames = dict(zip(recording.reading.tolist(), range(recording.stamp_ns.size), strict=True))
+    reading, forces, _ = readings_at_frames(recording)
+    frames = dict(zip(reading.tolist(), range(recording.stamp_ns.size), strict=True))
     for index, stamp in enumerate(recording.reading_stamp_ns.tolist()):
-        force = recording.force[frames[index]] if index in frames else np.zeros(2)
+        force = forces[frames[index]] if index in frames else np.zeros(2)
         load = arm.sense(
             Load(
                 pressure=float(recording.pressure[index]),
@@ -120,7 +122,7 @@ def test_all_effects_together_agree_with_the_model():
 def test_a_rich_effect_is_another_but_not_a_larger_one(name):
     def seen(**parameters):
         recording = simulate(scenario((lab_effect(name, parameters),), frames=10.0))
-        return np.stack([recording.x, recording.y]), recording.pressure, recording.force
+        return np.stack([recording.x, recording.y]), recording.pressure, recording.wrench_force
 
     neutral, plain, rich = seen(), seen(**SIZES[name]), seen(**SIZES[name], richness=1.0)
     # In what it changes at all: what is seen, what is read of pressure or of force.
@@ -136,7 +138,7 @@ def test_a_rich_effect_is_another_but_not_a_larger_one(name):
 def test_a_neutral_effect_does_nothing_however_rich(name):
     bare = simulate(scenario(()))
     rich = simulate(scenario((lab_effect(name, {'richness': 2.0}),)))
-    for item in ('x', 'y', 'pressure', 'force'):
+    for item in ('x', 'y', 'pressure', 'wrench_force'):
         assert getattr(rich, item) == pytest.approx(getattr(bare, item), abs=1e-12)
 
 

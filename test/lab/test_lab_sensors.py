@@ -18,6 +18,7 @@ from pneunet_ros.lab.sensors import (
 from pneunet_ros.lab.simulation import simulate
 import pytest
 from support.lab_pairs import NOISELESS, recorded
+from support.lab_run import readings_at_frames
 
 STRINGS = dataclasses.replace(recorded('strings').scenario, detail=Detail(elements=56.0))
 
@@ -31,16 +32,22 @@ def test_without_noise_sensors_tell_the_truth():
     truth = found.truth
     assert np.array_equal(found.x, truth.target_x)
     assert np.array_equal(found.y, truth.target_y)
-    assert not found.moment.any()
+    assert not found.wrench_moment.any()
     # Readings are up to 5 ms away from the frame; ramps go at 10 kPa/s and 0.1 N/s.
-    assert np.abs(found.pressure[found.reading] - truth.pressure).max() < 100.0
-    assert np.abs(found.force - truth.force).max() < 1e-3
+    reading, force, _ = readings_at_frames(found)
+    assert np.abs(found.pressure[reading] - truth.pressure).max() < 100.0
+    assert np.abs(force - truth.force).max() < 1e-3
 
 
 def test_white_noise_has_its_sizes():
     quiet = recording()
     noisy = recording(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=5e-5)
-    for name, std in (('pressure', 60.0), ('force', 1e-3), ('moment', 1e-5), ('x', 5e-5)):
+    for name, std in (
+        ('pressure', 60.0),
+        ('wrench_force', 1e-3),
+        ('wrench_moment', 1e-5),
+        ('x', 5e-5),
+    ):
         error = getattr(noisy, name) - getattr(quiet, name)
         assert error.std() == pytest.approx(std, rel=0.1)
         assert abs(error.mean()) < 0.2 * std
@@ -123,10 +130,11 @@ def test_targets_are_missing_at_random_and_in_groups():
 
 def test_the_wrench_is_exactly_zero_while_nothing_hangs_on_the_arm():
     found = recorded('dead_weights')
+    force = readings_at_frames(found)[1]
     hanging = found.truth.force.any(axis=1)
     assert 10 < np.count_nonzero(~hanging) < 40
-    assert not found.force[~hanging][1:-1].any()
-    assert found.force[hanging].all()
+    assert not force[~hanging][1:-1].any()
+    assert force[hanging].all()
 
 
 def test_noise_of_one_kind_leaves_the_others_as_they_are():

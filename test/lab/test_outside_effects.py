@@ -50,7 +50,7 @@ def seen(protocol, *effects):
 def test_a_neutral_one_does_exactly_nothing(name):
     bare = simulate(scenario(LOADED))
     same = simulate(scenario(LOADED, lab_effect(name, {})))
-    for item in ('x', 'y', 'pressure', 'force', 'moment'):
+    for item in ('x', 'y', 'pressure', 'wrench_force', 'wrench_moment'):
         assert np.array_equal(getattr(same, item), getattr(bare, item))
 
 

@@ -22,18 +22,34 @@ LAB_SENSORS = tuple(
 KNOTS = 41  # of the true model's splines, which are then within 1e-6 m of the truth at the tip
 
 
+def nearest_stamps(stamp_ns: np.ndarray, wanted_ns: np.ndarray) -> np.ndarray:
+    """Return the index of the nearest of increasing stamps to each one wanted."""
+    after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, stamp_ns.size - 1)
+    return after - (wanted_ns - stamp_ns[after - 1] <= stamp_ns[after] - wanted_ns)
+
+
+def readings_at_frames(recording: LabRecording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the nearest pressure reading of each frame, and its force (n, 2) and moment (n,)."""
+    reading = nearest_stamps(recording.reading_stamp_ns, recording.stamp_ns)
+    if not recording.loaded:
+        return reading, np.zeros((reading.size, 2)), np.zeros(reading.size)
+    wrench = nearest_stamps(recording.wrench_stamp_ns, recording.stamp_ns)
+    return reading, recording.wrench_force[wrench], recording.wrench_moment[wrench]
+
+
 def run_of(recording: LabRecording) -> RecordingData:
     """Return the run in a recording of the virtual lab; frames without any target are left out."""
     kept = np.isfinite(recording.x).any(axis=1)
+    reading, force, moment = (column[kept] for column in readings_at_frames(recording))
     return RecordingData(
         name=recording.scenario.name,
         reading_stamp_ns=recording.reading_stamp_ns,
         pressure=recording.pressure,
         stamp_ns=recording.stamp_ns[kept],
-        reading=recording.reading[kept],
+        reading=reading,
         loaded=recording.loaded,
-        force=recording.force[kept],
-        moment=recording.moment[kept],
+        force=force,
+        moment=moment,
         x=recording.x[kept],
         y=recording.y[kept],
         wrench_stamp_ns=recording.wrench_stamp_ns if recording.loaded else None,
