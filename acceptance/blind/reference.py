@@ -15,6 +15,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
+from support.lab_run import readings_at_frames
 
 from blind.trials import Sealed
 
@@ -80,7 +81,8 @@ def driven(recording: LabRecording, before: LabMemory) -> np.ndarray:
     )
     course, _ = follow_arm(scenario, noisy, before)
     chain = chain_of(scenario, course, truth.time, noisy.force_at(truth.time))
-    chain = replace(chain, moment=recording.moment)  # there is none: all of it is noise
+    # There is no moment: all of it is noise.
+    chain = replace(chain, moment=readings_at_frames(recording)[2])
     x, y, _ = equilibrium_shape(chain).points(scenario.arm.targets)
     points, share = np.stack([x, y], axis=-1), truth.time / events.duration
     for effect in scenario.effects:
