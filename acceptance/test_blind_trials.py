@@ -131,6 +131,14 @@ def test_one_effect_is_scored_by_its_first_name_by_the_set_and_by_its_size():
     assert found['by_effect']['camera_rotation']['first_right']['of'] == 4
 
 
+def test_inertia_is_no_false_name_where_the_arm_has_mass():
+    both = answer('named', ['camera_rotation', 'inertia'], of='camera_rotation')
+    found = summary_of([(truth('moving_single', ROTATED), both)])['moving_single']
+    assert (found['alone']['count'], found['wrong']['count']) == (1, 0)
+    pairs = [(truth('moving_nothing', {}), answer('named', ['inertia']))]
+    assert summary_of(pairs)['moving_nothing']['any_name']['count'] == 0
+
+
 def test_the_other_blocks():
     both = {'gravity': {'weight_y': 1.0}, 'hysteresis': {'width': 900.0}}
     names = ['gravity', 'hysteresis']
