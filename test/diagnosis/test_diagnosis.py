@@ -127,7 +127,7 @@ def test_where_nothing_is_missing_nothing_is_named():
     assert answer.before.held_out.rms < 2.5e-4
     assert set(answer.detectable) == set(EFFECTS)
     for name, shown in answer.detectable.items():
-        assert shown.observable == (name not in ('pressure_gain', 'pressure_offset'))
+        assert shown.observable == (name not in ('inertia', 'pressure_gain', 'pressure_offset'))
 
 
 def test_a_diagnosis_needs_a_recording_without_a_load():
