@@ -13,7 +13,7 @@ import shutil
 import cv2
 from mcap.writer import CompressionType, Writer
 import numpy as np
-from pneunet_ros.calibration.posterior import PosteriorState
+from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.cli.main import main, parser, VERBS
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path

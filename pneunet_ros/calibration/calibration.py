@@ -51,7 +51,7 @@ from pneunet_ros.calibration.experiments import FitSequence, LawScore
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
+from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
@@ -225,7 +225,7 @@ def calibrate_as_stamped(
     left_out = None
     if resolution.free_shapes is not None and not loaded and earlier is None:
         left_out = leave_levels_out(unloaded, free, fits.first_experiment)
-    posterior = posterior_of(joint, *fits.span(earlier))
+    posterior = joint.posterior(*fits.span(earlier))
     notes = undetermined_quantities(joint)
     joint = consider_nonuniformity(joint, settings.resolution, shown=resolution.shapes)
     if left_out is not None:

@@ -17,8 +17,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
     MomentLawParameters,
 )
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
-from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
-from pneunet_ros.calibration.posterior import PosteriorState
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters, PosteriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, HYPERPARAMETERS
 from pneunet_ros.core.arrays import Array

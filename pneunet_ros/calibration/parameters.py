@@ -32,17 +32,45 @@ class Hyperparameters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PriorState:
-    """The posterior of an earlier fit: first parameters, placement of targets, their covariance.
+class PosteriorState:
+    """Mean and covariance of all parameters of a fit: the prior of the next one.
 
-    values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
+    values (n,) and placement (2 targets,) m, tangents then normals; covariance (n + 2 targets, n +
     2 targets) of both, in this order. Placement is included because the dots do not move on the
     arm: without it, an earlier error of the curvature would count twice.
+
+    pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
+    (N m^2) of the moment law's parameters over low to high (Pa), kind '' if none was fitted.
+    shapes, elongates: as in `Parameters`, 0 for as many as there are knots. information (n, n):
+    information of all recordings so far on the values, without the prior.
     """
 
     values: Array
     placement: Array
     covariance: Array
+    pressure: Array
+    arclength: Array
+    kind: str
+    stiffness: float
+    low: float
+    high: float
+    information: Array
+    shapes: int = 0
+    elongates: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the shapes of the arrays agree."""
+        for name in ('pressure', 'arclength', 'values', 'placement'):
+            values = getattr(self, name)
+            object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
+        shape = (self.values.size,) * 2
+        object.__setattr__(self, 'information', frozen_array(self.information, shape))
+        size = self.values.size + self.placement.size
+        object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
+
+    def has_tip(self, painted: int) -> bool:
+        """Whether the last target is the measured tip, added to this many targets."""
+        return self.placement.size == 2 * (painted + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +90,7 @@ class Parameters:
     arclength: Array
     hyperparameters: Hyperparameters
     law: MomentLawParameters | None
-    earlier: PriorState | None = None
+    earlier: PosteriorState | None = None
     shapes: int | None = None
     elongates: bool | None = None
     mean: Array = field(init=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from pneunet_ros.calibration.parameters import Parameters
+import numpy as np
+from pneunet_ros.calibration.parameters import Parameters, PosteriorState
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.model.arm import Arm
@@ -44,8 +45,37 @@ class Fit:
         """The arm with the fitted values."""
         return self.parameters.arm(self.values)
 
+    @property
+    def all_information(self) -> Array:
+        """The information of the recordings of this fit and of the previous ones it continues."""
+        total, earlier = np.array(self.information), self.parameters.earlier
+        if earlier is not None:
+            size = earlier.values.size
+            total[:size, :size] += earlier.information
+        return total
+
+    def posterior(self, low: float, high: float) -> PosteriorState:
+        """Return the posterior of the fit; low, high (Pa): the range of its moment law."""
+        law = self.parameters.law
+        return PosteriorState(
+            pressure=self.parameters.pressure,
+            arclength=self.parameters.arclength,
+            kind='' if law is None else law.kind,
+            stiffness=0.0 if law is None else law.stiffness,
+            low=low,
+            high=high,
+            shapes=self.parameters.shapes or 0,
+            elongates=self.parameters.elongates,
+            values=self.values,
+            placement=self.placement.ravel(),
+            covariance=self.shared_covariance,
+            information=self.all_information,
+        )
+
     def widened(self, errors: Array) -> Fit:
         """Return the fit with errors (parameters, errors) added to its covariance."""
+        if not errors.size:
+            return self
         further, shared = errors @ errors.T, self.shared_covariance.copy()
         size = len(further)
         shared[:size, :size] += further

@@ -16,7 +16,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
     MOMENT_LAW_PARAMETERS,
     PiecewiseParameters,
 )
-from pneunet_ros.calibration.posterior import PosteriorState
+from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output

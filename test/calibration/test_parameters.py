@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.parameters import Hyperparameters, Parameters, PriorState
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters, PosteriorState
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.creep import Creep
@@ -151,7 +151,18 @@ def test_what_is_known_takes_the_place_of_the_prior():
     mean, covariance = random.standard_normal(free.cells), root @ root.T
     known = replace(
         parameters('piecewise_linear'),
-        earlier=PriorState(values=mean, placement=np.zeros(0), covariance=covariance),
+        earlier=PosteriorState(
+            pressure=free.pressure,
+            arclength=free.arclength,
+            kind='',
+            stiffness=0.0,
+            low=0.0,
+            high=0.0,
+            values=mean,
+            placement=np.zeros(0),
+            covariance=covariance,
+            information=np.zeros_like(covariance),
+        ),
     )
     assert np.array_equal(known.mean[: free.cells], mean)
     assert np.array_equal(known.prior[: free.cells, : free.cells], covariance)

@@ -11,7 +11,7 @@ import zipfile
 
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros.calibration.posterior import PosteriorState
+from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.files.npz import LARGEST_ARCHIVE
 from pneunet_ros.lab.lab_recording import LabMemory

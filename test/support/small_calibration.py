@@ -15,7 +15,6 @@ from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
-from pneunet_ros.calibration.posterior import posterior_of
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.share import share_path
 from pneunet_ros.measurement.dataset import RecordingData
@@ -127,7 +126,7 @@ def calibration(with_load: bool = True) -> Calibration:
         noise=NoiseEstimate(
             noise=NOISE, sources={item.name: f'source of {item.name}' for item in fields(NOISE)}
         ),
-        posterior=posterior_of(joint, law.low, law.high),
+        posterior=joint.posterior(law.low, law.high),
         free=first,
         joint=joint,
         laws=laws,

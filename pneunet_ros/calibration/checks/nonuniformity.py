@@ -17,7 +17,6 @@ import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.parameters import correlation, Parameters
-from pneunet_ros.calibration.posterior import all_information
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import (
     CONSISTENCY,
@@ -46,7 +45,7 @@ def consider_nonuniformity(
     parameters = fit.parameters
     if parameters.shapes is None:
         return fit
-    information = all_information(fit)
+    information = fit.all_information
     prior = departure_prior(parameters, fit.values, settings)
     if parameters.shapes < shown:
         left = fit.information_vector - fit.information @ (fit.values - parameters.mean)
