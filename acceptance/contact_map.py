@@ -83,10 +83,7 @@ def posterior(
             late=np.zeros(len(fusion.model.discrepancy.lag_times) + 1),
         ),
         sightings=TargetSightings(
-            stamp_ns=0,
-            x=np.zeros(count),
-            y=np.zeros(count),
-            **dict.fromkeys(names, nothing),
+            stamp_ns=0, x=np.zeros(count), y=np.zeros(count), **dict.fromkeys(names, nothing)
         ),
         used=np.ones(count, dtype=bool),
     )

@@ -153,10 +153,7 @@ def judge(row: Row) -> Row:
         parts = [law['coefficients'][place] for place in right]
         value, std = sum(part[0] for part in parts), math.hypot(*(part[1] for part in parts))
         true = cause.coefficient * row['truth'][row['name']][cause.size[0]]
-        judged |= {
-            'size_off': abs(value / true - 1.0),
-            'covered': abs(value - true) <= Z_95 * std,
-        }
+        judged |= {'size_off': abs(value / true - 1.0), 'covered': abs(value - true) <= Z_95 * std}
     return judged
 
 

@@ -180,11 +180,7 @@ GOALS = {
 
 
 def recording_of(
-    seed: int,
-    which: int,
-    way: Way = WAYS['no wrench'],
-    duration: float = 40.0,
-    rate: float = RATE,
+    seed: int, which: int, way: Way = WAYS['no wrench'], duration: float = 40.0, rate: float = RATE
 ) -> LabRecording:
     """Return one of the recordings of a rig, with dots and camera of its own."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
@@ -366,9 +362,7 @@ def true_arm(seed: int) -> Arm:
         quantities=('moment_law.rigidity.0.0',),
         factor=np.full((1, 1), EXACT),
         placement=PlacementKnown(
-            mean=painted,
-            std=np.full(painted.size, EXACT),
-            factor=np.zeros((painted.size, 1)),
+            mean=painted, std=np.full(painted.size, EXACT), factor=np.zeros((painted.size, 1))
         ),
     )
     return dataclasses.replace(arm, covariance=known)

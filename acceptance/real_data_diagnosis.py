@@ -34,16 +34,7 @@ from pneunet_ros.files.json_text import plain
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from real_data_fit import (
-    Actuator,
-    arm_of,
-    ASSUMED,
-    DATA,
-    LENGTH,
-    missed,
-    read_actuators,
-    tips,
-)
+from real_data_fit import Actuator, arm_of, ASSUMED, DATA, LENGTH, missed, read_actuators, tips
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -125,9 +116,7 @@ def diagnosed(actuator: Actuator, noise: float) -> Found:
     frame = model(actuator, noise)
     whole = diagnose(frame, [recorded(actuator, every)], [])
     rest = diagnose(
-        frame,
-        [recorded(actuator, np.setdiff1d(every, kept_out))],
-        [recorded(actuator, kept_out)],
+        frame, [recorded(actuator, np.setdiff1d(every, kept_out))], [recorded(actuator, kept_out)]
     )
     numbers = {item.name: item.parameters for item in whole.effects}.get(WANTED)
     strain = None if numbers is None else numbers['strain_per_pascal']

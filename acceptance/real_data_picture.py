@@ -144,12 +144,7 @@ def draw_errors(
         axes.axvline(median, color=color, linewidth=1.2)
     for mark, words, side in zip(marks, ('known', 'wanted'), ('right', 'left'), strict=True):
         axes.axvline(mark, color='black', linewidth=1.0, linestyle='--')
-        axes.annotate(
-            f' {mark} % {words} ',
-            (mark, order.size - 0.2),
-            fontsize=8,
-            ha=side,
-        )
+        axes.annotate(f' {mark} % {words} ', (mark, order.size - 0.2), fontsize=8, ha=side)
     axes.set_xscale('log')
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
     axes.set_yticks(

@@ -62,9 +62,7 @@ SETS = (
     RealSet(file='vertAutoTest.csv', pressure='Actual PSI', place=TRACKED),
     RealSet(file='noGsTest.csv', pressure='Actual PSI', place=TRACKED),
     RealSet(
-        file='1D Pressure vs Pos.csv',
-        pressure='Sensor Pressure (psi)',
-        place=('x (mm)', 'y (mm)'),
+        file='1D Pressure vs Pos.csv', pressure='Sensor Pressure (psi)', place=('x (mm)', 'y (mm)')
     ),
 )
 

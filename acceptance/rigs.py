@@ -65,11 +65,7 @@ def wrench_of(stamp_ns: int, read: Array) -> WrenchReading:
     """Return the end wrench of a row of `read_sensors`."""
     force_x, force_y, moment, _ = read.tolist()
     return WrenchReading(
-        stamp_ns=stamp_ns,
-        force_x=force_x,
-        force_y=force_y,
-        moment=moment,
-        frame_id=BASE_FRAME,
+        stamp_ns=stamp_ns, force_x=force_x, force_y=force_y, moment=moment, frame_id=BASE_FRAME
     )
 
 
@@ -102,10 +98,7 @@ def rig_command(
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--rigs', type=int, default=5, help='how many (default: 5)')
     command.add_argument(
-        '--recordings',
-        type=int,
-        default=recordings,
-        help=f'of each (default: {recordings})',
+        '--recordings', type=int, default=recordings, help=f'of each (default: {recordings})'
     )
     command.add_argument(
         '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'

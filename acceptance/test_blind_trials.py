@@ -19,13 +19,7 @@ from blind.responses import Candidate, small_effects, Table
 from blind.running import answered, truth_of
 from blind.scoring import apart, confusion, detectable, rate, size_of, wilson
 from blind.summary import baseline_rates, summary_of
-from blind.trials import (
-    BLOCKS,
-    DEVELOPMENT,
-    labelled,
-    made,
-    SCORING,
-)
+from blind.trials import BLOCKS, DEVELOPMENT, labelled, made, SCORING
 from blind.visibility import signals
 import blind_trials
 import numpy as np

@@ -18,9 +18,7 @@ def rows(exact: bool) -> np.ndarray:
     arm = true_model(whole.scenario)
     noise = dataclasses.replace(arm.sensors, registration_std=1e-9, drift_std=1e-9)
     arm = dataclasses.replace(
-        arm,
-        target_arclength=arm.target_arclength[dots],
-        sensors=noise if exact else arm.sensors,
+        arm, target_arclength=arm.target_arclength[dots], sensors=noise if exact else arm.sensors
     )
     seen = dataclasses.replace(whole, x=whole.x[:, dots], y=whole.y[:, dots])
     return fuse(Fusion(arm=arm), seen, WAYS['no wrench'], 77)[None]

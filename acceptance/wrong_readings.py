@@ -110,10 +110,7 @@ SOURCES = {
 }
 # source, what was done, what must be named first: settings, None for any value
 Case = tuple[str, Callable[[Messages], Messages], dict[str, str | None]]
-GAUGE_ONLY: dict[str, str | None] = {
-    'pressure_reference': 'absolute',
-    'ambient_pressure': None,
-}
+GAUGE_ONLY: dict[str, str | None] = {'pressure_reference': 'absolute', 'ambient_pressure': None}
 
 
 def unit(name: str, **more: str | None) -> dict[str, str | None]:
@@ -168,10 +165,7 @@ def cases() -> list[tuple[str, Case]]:
     found.append(('table1 reaction', ('table1', wrenches(-1.0), {'wrench_sign': '-1'})))
     found.append(('table1 force in gf', ('table1', wrenches(1.0 / GRAM), {'wrench_unit': 'gf'})))
     found.append(
-        (
-            'table1 in frame cell',
-            ('table1', wrenches(frame='cell'), {'wrench_frame': 'cell'}),
-        )
+        ('table1 in frame cell', ('table1', wrenches(frame='cell'), {'wrench_frame': 'cell'}))
     )
     cell = wrenches(turn=90.0, frame='cell')
     expected = {'wrench_frame': 'cell', 'wrench_yaw': '-1.571'}

@@ -163,10 +163,7 @@ FREE = Design(
         SlowRamp(top=45e3, hold=6.0, duration=DURATION),
         unloaded(5.0, 0.8),
     ),
-    held_out=(
-        unloaded(11.0, 0.6),
-        Staircase(pressures=(20e3, 55e3), ramp=1.2, duration=DURATION),
-    ),
+    held_out=(unloaded(11.0, 0.6), Staircase(pressures=(20e3, 55e3), ramp=1.2, duration=DURATION)),
 )
 
 

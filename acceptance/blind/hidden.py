@@ -53,11 +53,7 @@ HIDEABLE = {
     'softening': Hideable(parameter='loss', weakest=0.01, strongest=0.3, signed=False),
     'stiffening': Hideable(parameter='coefficient', weakest=2e-5, strongest=4e-4, signed=False),
     'extensibility': Hideable(
-        parameter='axial_stiffness',
-        weakest=1000.0,
-        strongest=10.0,
-        signed=False,
-        neutral=math.inf,
+        parameter='axial_stiffness', weakest=1000.0, strongest=10.0, signed=False, neutral=math.inf
     ),
     'pressure_elongation': Hideable(
         parameter='strain_per_pascal', weakest=8e-9, strongest=1e-6, signed=False
@@ -87,10 +83,7 @@ Parameters = dict[str, float]
 def hidden_effect(name: str, step: int, random: np.random.Generator) -> Parameters:
     """Return the parameters of an effect of the library at a step of its sizes."""
     kind = HIDEABLE[name]
-    parameters = {
-        kind.parameter: kind.drawn(step, random),
-        'richness': random.uniform(*RICHNESS),
-    }
+    parameters = {kind.parameter: kind.drawn(step, random), 'richness': random.uniform(*RICHNESS)}
     if name == 'creep':
         parameters['time_constant'] = float(np.exp(random.uniform(np.log(3.0), np.log(20.0))))
     if name == 'gravity':  # the plane of the arm stands nearly upright, E1 nearly level
@@ -106,10 +99,7 @@ def outside_effect(name: str, random: np.random.Generator) -> Parameters:
     sign = float(random.choice([-1.0, 1.0]))
     if name == 'lens_distortion':
         # About the middle of the straight arm; 0.6 to 3 % at its ends.
-        return {
-            'radial': sign * between(0.006, 0.03, random) / MIDDLE**2,
-            'middle_x': MIDDLE,
-        }
+        return {'radial': sign * between(0.006, 0.03, random) / MIDDLE**2, 'middle_x': MIDDLE}
     if name == 'touching_peg':
         return {
             'stiffness': between(100.0, 400.0, random),
@@ -124,10 +114,7 @@ def outside_effect(name: str, random: np.random.Generator) -> Parameters:
             'width': random.uniform(0.03, 0.05),
         }
     if name == 'periodic_disturbance':
-        return {
-            'amplitude': between(0.03, 0.12, random),
-            'period': between(1.3, 9.0, random),
-        }
+        return {'amplitude': between(0.03, 0.12, random), 'period': between(1.3, 9.0, random)}
     if name == 'contact':
         return {
             'force': sign * between(0.01, 0.06, random),
@@ -136,10 +123,7 @@ def outside_effect(name: str, random: np.random.Generator) -> Parameters:
     if name == 'camera_tilt':
         turn = random.uniform(0.0, 2.0 * math.pi)
         size = between(0.1, 0.8, random)
-        return {
-            'tilt_x': size * math.cos(turn),
-            'tilt_y': size * math.sin(turn),
-        }
+        return {'tilt_x': size * math.cos(turn), 'tilt_y': size * math.sin(turn)}
     assert name == 'slipping_base', name
     turn, size = random.uniform(0.0, 2.0 * math.pi), between(5e-4, 3e-3, random)
     return {

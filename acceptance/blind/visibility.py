@@ -54,9 +54,7 @@ def fitted(found: Investigation, chosen: Sequence[Candidate]) -> Refit | None:
 
 
 def shown_apart(
-    found: Investigation | UnsettledInvestigation,
-    recordings: Sequence[LabRecording],
-    name: str,
+    found: Investigation | UnsettledInvestigation, recordings: Sequence[LabRecording], name: str
 ) -> dict[str, float]:
     """Return chi squared of an effect by itself, and of what no other effect explains of it.
 

@@ -127,9 +127,7 @@ class Engine:
         start = np.clip(start, item.low, item.high)
         known = trial.refit
         fit = refit(
-            known.linearization,
-            (*known.hypotheses, item),
-            np.concatenate([known.numbers, start]),
+            known.linearization, (*known.hypotheses, item), np.concatenate([known.numbers, start])
         )
         return None if fit is None else self.selection.test_trial(fit, self.first, trial)
 

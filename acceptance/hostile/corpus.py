@@ -22,10 +22,7 @@ from pneunet_ros.offline.calibration_files import save_knowledge
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
 
-DRAWING = (
-    'pneunet_ros.reports.tracking.preview',
-    'matplotlib.backends.backend_agg',
-)
+DRAWING = ('pneunet_ros.reports.tracking.preview', 'matplotlib.backends.backend_agg')
 CAMERA_DEMO = share_path('bags/camera_demo')
 IMAGES = 7  # enough for a rest of five
 KNOWLEDGE = PosteriorState(

@@ -64,12 +64,7 @@ def force_picture(story: Story) -> Figure:
 
 
 def draw_forces(
-    axes: Axes,
-    pressure: np.ndarray,
-    item: Forces,
-    component: int,
-    color: str,
-    words: str,
+    axes: Axes, pressure: np.ndarray, item: Forces, component: int, color: str, words: str
 ) -> None:
     """Draw found forces; what is beyond the picture as an arrow with its number."""
     force, error = item.force[:, component], Z_95 * item.sigma[:, component]

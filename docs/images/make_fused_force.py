@@ -17,14 +17,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.messages.builders import nanoseconds
 from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.recordings.recording import open_recording
-from pneunet_ros.reports.style import (
-    draw_errors,
-    FIRST,
-    legend,
-    MEASURED,
-    panels,
-    same_height,
-)
+from pneunet_ros.reports.style import draw_errors, FIRST, legend, MEASURED, panels, same_height
 
 PICTURE = Path(__file__).resolve().parent / 'fused_force.png'
 DAY = {

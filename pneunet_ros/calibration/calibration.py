@@ -24,10 +24,7 @@ from pneunet_ros.calibration.checks.consistency import (
     describe_pressure_noise,
     outlier_recordings,
 )
-from pneunet_ros.calibration.checks.frames_in_motion import (
-    checked_at_rest,
-    FramesInMotion,
-)
+from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, FramesInMotion
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
 from pneunet_ros.calibration.checks.left_out import (
     leave_levels_out,

@@ -16,10 +16,7 @@ ROUNDING = 1e-12  # of a correlation
 
 
 def low_rank(
-    fit: Fit,
-    most: int = MOST_COLUMNS,
-    painted: int | None = None,
-    guessed: Array | None = None,
+    fit: Fit, most: int = MOST_COLUMNS, painted: int | None = None, guessed: Array | None = None
 ) -> tuple[ModelCovariance, float]:
     """Return a low-rank covariance of the parameters, and the share of shape variance it captures.
 

@@ -53,8 +53,5 @@ def target_row(fit: Fit) -> TargetRow:
     spacing_std, offset_std = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     way = float(arclength[-1])
     return TargetRow(
-        offset=way * offset,
-        offset_std=way * offset_std,
-        spacing=spacing,
-        spacing_std=spacing_std,
+        offset=way * offset, offset_std=way * offset_std, spacing=spacing, spacing_std=spacing_std
     )

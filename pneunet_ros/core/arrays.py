@@ -105,10 +105,7 @@ def only_numbers(values: Any) -> bool:
 
 
 def table_array(
-    values: npt.ArrayLike,
-    where: str,
-    dimensions: int,
-    error: type[PneunetError] = ModelError,
+    values: npt.ArrayLike, where: str, dimensions: int, error: type[PneunetError] = ModelError
 ) -> Array:
     """Return a read-only table of finite numbers with this many dimensions; raise otherwise."""
     sentence = f'{where} must be a table of numbers with rows of equal length'

@@ -19,12 +19,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.hypothesis import carries_time
 from pneunet_ros.diagnosis.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
-from pneunet_ros.diagnosis.settings import (
-    DEFAULTS,
-    DiagnosisSettings,
-    LACK_OF_FIT,
-    SELECTION,
-)
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LACK_OF_FIT, SELECTION
 from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
@@ -139,8 +134,7 @@ class Confirmer:
             return ()
         return (
             Note(
-                'no recording was held out, so it was not tested on new data',
-                reason='no_held_out',
+                'no recording was held out, so it was not tested on new data', reason='no_held_out'
             ),
         )
 

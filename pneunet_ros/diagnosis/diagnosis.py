@@ -25,13 +25,7 @@ from pneunet_ros.diagnosis.augmented_model import (
 )
 from pneunet_ros.diagnosis.base_fit import fit_base
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
-from pneunet_ros.diagnosis.evaluation import (
-    adequacy,
-    misfit,
-    noise_floor,
-    removed_share,
-    scores,
-)
+from pneunet_ros.diagnosis.evaluation import adequacy, misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion
@@ -56,13 +50,7 @@ from pneunet_ros.diagnosis.result import (
     UnsettledDiagnosis,
 )
 from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect_cosines
-from pneunet_ros.diagnosis.selection import (
-    Added,
-    evidence_margin,
-    Record,
-    Selection,
-    Trial,
-)
+from pneunet_ros.diagnosis.selection import Added, evidence_margin, Record, Selection, Trial
 from pneunet_ros.diagnosis.settings import (
     BASE_FIT,
     DEFAULTS,
@@ -178,12 +166,7 @@ def investigate_at_rest(
     """Diagnose a model with frames of the arm in equilibrium; allowed: as in `Selection`."""
     (training, held_out), unread = without_unread(model, training, held_out)
     notes = (*unread, *notes)
-    base = fit_base(
-        model,
-        training,
-        part_of(on_progress, 1, PARTS),
-        settings.calibration,
-    )
+    base = fit_base(model, training, part_of(on_progress, 1, PARTS), settings.calibration)
     rested, count = [*training, *held_out], len(training)
     few = thinned(rested, settings.calibration.experiments.most_frames)
     training, held_out = few[:count], few[count:]
@@ -262,8 +245,7 @@ def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> U
 
 
 def considered_hypotheses(
-    asked: Sequence[Hypothesis],
-    training: Sequence[RecordingData],
+    asked: Sequence[Hypothesis], training: Sequence[RecordingData]
 ) -> tuple[Hypothesis, ...]:
     """Return the effects that may be named, except those equivalent to a pressure scale.
 
@@ -278,16 +260,11 @@ def considered_hypotheses(
 
 
 def linearize(
-    fit: Fit,
-    training: Sequence[RecordingData],
-    held_out: Sequence[RecordingData],
+    fit: Fit, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
 ) -> Linearization:
     """Linearize all recordings, thinned, around the base fit."""
     point = LinearizationPoint(
-        parameters=fit.parameters,
-        values=fit.values,
-        placement=fit.placement,
-        origin=fit.origin,
+        parameters=fit.parameters, values=fit.values, placement=fit.placement, origin=fit.origin
     )
     runs = [run.thin(BASE_FIT.frames) for run in (*training, *held_out)]
     noise = fit.parameters.frame.sensors
@@ -510,9 +487,7 @@ def wanted_candidates(
 
 
 def collect_evidence(
-    selection: Selection,
-    candidates: Sequence[Candidate],
-    cosines: Mapping[tuple[str, str], float],
+    selection: Selection, candidates: Sequence[Candidate], cosines: Mapping[tuple[str, str], float]
 ) -> tuple[Evidence, ...]:
     """Return all trials, best first; effects that were not refitted are ranked by their score."""
     least = SCORE_TEST.same_class
@@ -654,10 +629,7 @@ def with_tips(
             )
         if model.target_arclength.size > targets:
             notes = (
-                Note(
-                    f'in the written models the tip is target {targets}',
-                    reason='tip_as_target',
-                ),
+                Note(f'in the written models the tip is target {targets}', reason='tip_as_target'),
             )
         if any(run.heading is not None for run in runs):
             notes = (*notes, Note('the heading of the tip was not used', reason='heading_unused'))

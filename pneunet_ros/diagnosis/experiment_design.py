@@ -104,9 +104,7 @@ EXPERIMENTS = (
 
 
 def propose_experiment(
-    refit: Refit,
-    wanted: Sequence[Candidate],
-    rivals: Sequence[Candidate],
+    refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]
 ) -> str:
     """Propose the experiment most informative about a wanted effect, its rivals fitted jointly.
 

@@ -41,10 +41,7 @@ class Regressors:
 
     @classmethod
     def of(
-        cls,
-        arm: Arm,
-        runs: Sequence[RecordingData],
-        all_inputs: Sequence[Inputs],
+        cls, arm: Arm, runs: Sequence[RecordingData], all_inputs: Sequence[Inputs]
     ) -> Regressors:
         """Collect the frames; the maximum pressure carries over between runs by their stamps."""
         low, high = arm.table_range

@@ -12,25 +12,14 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import (
-    fit_motion,
-    Flags,
-    MotionFit,
-    predicted_motion,
-)
+from pneunet_ros.calibration.motion_fit import fit_motion, Flags, MotionFit, predicted_motion
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.evaluation import distances, noise_floor, removed_share
 from pneunet_ros.diagnosis.investigation import Investigation
-from pneunet_ros.diagnosis.result import (
-    Detectable,
-    Diagnosis,
-    Estimated,
-    Misfit,
-    NamedEffect,
-)
+from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Estimated, Misfit, NamedEffect
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm

@@ -87,10 +87,7 @@ MapFunction = Callable[
 
 
 def lack_of_fit_tests(
-    linearization: Linearization,
-    problem: OpenLaws,
-    seed: int,
-    map_function: MapFunction = map,
+    linearization: Linearization, problem: OpenLaws, seed: int, map_function: MapFunction = map
 ) -> tuple[LackOfFit, ...]:
     """Return all tests; problem: of all runs of the linearization.
 
@@ -132,9 +129,7 @@ def is_adequate(tests: Sequence[LackOfFit], allowed: float = 0.0) -> bool:
     return bool(tests) and all(item.p_value > level or item.excess < allowed for item in tests)
 
 
-def tested_fields(
-    linearization: Linearization,
-) -> Iterable[tuple[str, range, list[Array]]]:
+def tested_fields(linearization: Linearization) -> Iterable[tuple[str, range, list[Array]]]:
     """Yield the name of each test, its runs, and their fields (frames, 2 targets, n) m."""
     count = len(linearization.blocks)
     size = LINEARIZATION.tolerance * linearization.length
@@ -190,11 +185,7 @@ class TestedProblem:
         )
 
     def statistic(
-        self,
-        name: str,
-        runs: Sequence[int],
-        white: Sequence[Array],
-        seed: int,
+        self, name: str, runs: Sequence[int], white: Sequence[Array], seed: int
     ) -> ScoreStatistic:
         """Return the statistic of whitened columns (rows, n) in some of the runs."""
         gaussian = self.problem.gaussian

@@ -12,12 +12,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import (
-    DIFFERENCE,
-    fit_motion,
-    less_swing,
-    MotionFit,
-)
+from pneunet_ros.calibration.motion_fit import DIFFERENCE, fit_motion, less_swing, MotionFit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects

@@ -115,10 +115,7 @@ class KnownInputs:
     """
 
     def __init__(
-        self,
-        runs: Sequence[RecordingData],
-        noise: SensorNoise,
-        alternatives: int = 0,
+        self, runs: Sequence[RecordingData], noise: SensorNoise, alternatives: int = 0
     ) -> None:
         self.common = len(runs) - alternatives
         self.filtered = [filter_readings(run, noise, LINEARIZATION.reading_filter) for run in runs]
@@ -204,12 +201,7 @@ class Linearization:
         return self.at(self.point, self.runs[: self.training])
 
     def block(
-        self,
-        prior: ScaledPrior,
-        which: int,
-        arm: Arm,
-        inputs: Inputs,
-        regressors: Regressors,
+        self, prior: ScaledPrior, which: int, arm: Arm, inputs: Inputs, regressors: Regressors
     ) -> LinearizedRun:
         """Linearize one run, its camera at rest."""
         point, run, size, shared = self.point, self.runs[which], prior.size, prior.shared

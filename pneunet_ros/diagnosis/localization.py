@@ -48,11 +48,7 @@ class Frames:
         return bin_indices(self.axes[axis], self.edges(axis))
 
 
-def collect_frames(
-    refit: Refit,
-    *,
-    harmless: bool = False,
-) -> Frames:
+def collect_frames(refit: Refit, *, harmless: bool = False) -> Frames:
     """Collect the residuals of the training runs.
 
     harmless: only harmless departures are left, which are not misfit; otherwise they have absorbed

@@ -47,9 +47,7 @@ class Candidate:
 
 
 def score_effects(
-    refit: Refit,
-    hypotheses: Sequence[Hypothesis],
-    problem: OpenLaws | None = None,
+    refit: Refit, hypotheses: Sequence[Hypothesis], problem: OpenLaws | None = None
 ) -> list[Candidate]:
     """Score every hypothesis that is not in a refit, most promising first.
 
@@ -70,10 +68,7 @@ def score_effects(
 
 
 def score_effect(
-    refit: Refit,
-    problem: OpenLaws,
-    hypothesis: Hypothesis,
-    residuals: list[Array],
+    refit: Refit, problem: OpenLaws, hypothesis: Hypothesis, residuals: list[Array]
 ) -> Candidate | None:
     """Return the best start of an effect; None if the arm has no shape with it.
 
@@ -143,8 +138,7 @@ def largest_clean_score(
 
 
 def detection_limits(
-    hypotheses: Sequence[Hypothesis],
-    candidates: Sequence[Candidate],
+    hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
 ) -> Mapping[str, Detectable]:
     """Return, for every effect, the size that is visible after refitting the base model.
 
@@ -170,8 +164,7 @@ def detection_limits(
 
 
 def effect_cosines(
-    gaussian: GaussianModel,
-    candidates: Sequence[Candidate],
+    gaussian: GaussianModel, candidates: Sequence[Candidate]
 ) -> Mapping[tuple[str, str], float]:
     """Return the reported cosines between the directions of two effects, -1 to 1."""
     if not candidates:

@@ -17,10 +17,7 @@ from pneunet_ros.diagnosis.lack_of_fit import (
 )
 from pneunet_ros.diagnosis.law_errors import LawErrors, OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.nonuniform_arm import (
-    log_probability_nonuniform,
-    nonuniform_columns,
-)
+from pneunet_ros.diagnosis.nonuniform_arm import log_probability_nonuniform, nonuniform_columns
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import (
@@ -83,9 +80,7 @@ class Record:
         if self.added is not None and self.added.names == other.names:
             return self.added
         return Added(
-            names=other.names,
-            evidence=self.evidence - other.evidence,
-            gain=self.gain - other.gain,
+            names=other.names, evidence=self.evidence - other.evidence, gain=self.gain - other.gain
         )
 
     @property
@@ -269,9 +264,7 @@ class Selection:
             if item.gain < least or names in self.tried or len(names) < len(hypotheses):
                 continue
             fit = refit(
-                base.refit.linearization,
-                hypotheses,
-                np.concatenate([item.start, *numbers]),
+                base.refit.linearization, hypotheses, np.concatenate([item.start, *numbers])
             )
             rival = None if fit is None else self.test_trial(fit, base)
             if rival is not None:
@@ -296,11 +289,7 @@ class Selection:
         candidates = self.score_candidates(trial)
         if not candidates:
             return None
-        noise = largest_clean_score(
-            self.open_laws(trial)[1].gaussian,
-            candidates,
-            self.seed,
-        )
+        noise = largest_clean_score(self.open_laws(trial)[1].gaussian, candidates, self.seed)
         needed = max(SELECTION.least_gain, noise)
         return candidates[0] if candidates[0].gain > needed else None
 

@@ -16,11 +16,7 @@ from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.errors.noise_model import (
-    missed_load,
-    missed_pressure,
-    shown_instants,
-)
+from pneunet_ros.measurement.errors.noise_model import missed_load, missed_pressure, shown_instants
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 

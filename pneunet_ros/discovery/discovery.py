@@ -24,11 +24,7 @@ from pneunet_ros.diagnosis.lack_of_fit import (
 )
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Estimated
-from pneunet_ros.diagnosis.selection import (
-    evidence_margin,
-    Record,
-    Trial,
-)
+from pneunet_ros.diagnosis.selection import evidence_margin, Record, Trial
 from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, Proposal
@@ -76,9 +72,7 @@ class Finding:
 
 
 def discover(
-    investigation: Investigation | UnsettledInvestigation,
-    *,
-    on_progress: OnProgress = say_nothing,
+    investigation: Investigation | UnsettledInvestigation, *, on_progress: OnProgress = say_nothing
 ) -> Discovery:
     """Search for a law of the model error that no effect of the library explains.
 
@@ -448,9 +442,7 @@ def own_columns(white: Sequence[Array], runs: Runs) -> list[Array]:
 
 
 def tied_kinds(
-    best: Finding,
-    findings: Sequence[Finding],
-    suspects: Sequence[Suspect],
+    best: Finding, findings: Sequence[Finding], suspects: Sequence[Suspect]
 ) -> tuple[str, ...]:
     """Return the other kinds that explain as much, by joint fits or by left-out gain."""
     margin = max(CONFIRMATION.tied, evidence_margin(best.gain))

@@ -14,10 +14,7 @@ MOST_TIED = 3  # kinds that are named in a sentence
 
 
 def law_sentence(
-    kind: Kind,
-    location: Estimated | None,
-    terms: Sequence[TermOfLaw],
-    tied: Sequence[str],
+    kind: Kind, location: Estimated | None, terms: Sequence[TermOfLaw], tied: Sequence[str]
 ) -> str:
     """Describe the kind of cause, its position, and the law of its amplitude."""
     words = join_words([term_words(kind, item.name) for item in terms])

@@ -54,10 +54,7 @@ class Swing:
 
 
 def find_swing(
-    frames: OwnColumns,
-    covariates: Mapping[str, Covariate],
-    prior: float,
-    runs: Runs,
+    frames: OwnColumns, covariates: Mapping[str, Covariate], prior: float, runs: Runs
 ) -> Swing | None:
     """Return the most probable swing of an amplitude in some runs; None if there is none.
 
@@ -115,12 +112,7 @@ def wandering_courses(seconds: Sequence[Array]) -> Courses:
     return {time: wandering_roots(seconds, time) for time in times}
 
 
-def find_wandering(
-    frames: OwnColumns,
-    courses: Courses,
-    prior: float,
-    runs: Runs,
-) -> Swing | None:
+def find_wandering(frames: OwnColumns, courses: Courses, prior: float, runs: Runs) -> Swing | None:
     """Return an aperiodic amplitude; None if none is seen.
 
     prior: of the amplitude.

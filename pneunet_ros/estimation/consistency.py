@@ -23,12 +23,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.core.stamps import (
-    AHEAD,
-    count_reason,
-    RESTARTED,
-    StampGate,
-)
+from pneunet_ros.core.stamps import AHEAD, count_reason, RESTARTED, StampGate
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator

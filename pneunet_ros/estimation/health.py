@@ -4,20 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pneunet_ros.core.health import (
-    age,
-    count_texts,
-    InputHealth,
-    Level,
-    Report,
-    texts,
-)
+from pneunet_ros.core.health import age, count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.consistency import (
-    ConsistencyState,
-    Disagreement,
-    FORCE_NOT_JUDGED,
-)
+from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement, FORCE_NOT_JUDGED
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState

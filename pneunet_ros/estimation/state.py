@@ -10,13 +10,7 @@ from types import MappingProxyType
 from pneunet_ros.core.arrays import LARGEST
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.stamps import (
-    AHEAD,
-    BACKWARD_JUMP,
-    count_reason,
-    RESTARTED,
-    stamp_fault,
-)
+from pneunet_ros.core.stamps import AHEAD, BACKWARD_JUMP, count_reason, RESTARTED, stamp_fault
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.estimation.base_gravity import BaseGravity

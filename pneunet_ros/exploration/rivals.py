@@ -60,9 +60,7 @@ def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     return [*scored, *unseen]
 
 
-def rival_probabilities(
-    investigation: Investigation | UnsettledInvestigation,
-) -> dict[str, float]:
+def rival_probabilities(investigation: Investigation | UnsettledInvestigation) -> dict[str, float]:
     """Return the probability of each effect, and of none, to be missing.
 
     Each is on top of the named effects, or alone without any. A fitted effect is weighted by its

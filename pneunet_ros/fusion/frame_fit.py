@@ -38,9 +38,7 @@ from pneunet_ros.measurement.painted_targets import paint, PaintedTargets
 from pneunet_ros.measurement.predicted_targets import target_jacobian
 from pneunet_ros.measurement.swinging_arm import ERRORS, Reference, SwingingArm, Swung
 from pneunet_ros.model.equilibrium import Sensitivity
-from pneunet_ros.model.part_load import (
-    PartLoad,
-)
+from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotri, dpotrs

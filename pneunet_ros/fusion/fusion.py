@@ -385,10 +385,7 @@ class Fusion:
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: that of the model, or a larger estimate."""
-        known, rounding = (
-            self.arm.sensors.force_std,
-            self.model.force_rounding(state.force.step),
-        )
+        known, rounding = (self.arm.sensors.force_std, self.model.force_rounding(state.force.step))
         return with_rounding(state.force.noise or known, rounding)
 
     def estimate_force_noise(self, state: FusionState) -> float:

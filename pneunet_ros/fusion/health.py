@@ -5,14 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pneunet_ros.core.health import (
-    age,
-    count_texts,
-    InputHealth,
-    Level,
-    Report,
-    texts,
-)
+from pneunet_ros.core.health import age, count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.health import force_judged
 from pneunet_ros.fusion.contact import Contact

@@ -72,8 +72,7 @@ class PreparedModel:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
         if not self.arm.target_arclength.size:
             raise ModelError(
-                'arm.target_arclength is empty: the fusion needs targets',
-                reason='too_few_targets',
+                'arm.target_arclength is empty: the fusion needs targets', reason='too_few_targets'
             )
         stations = station_arclength(self.arm.reach, self.sensors.stations)
         places, which = np.unique(

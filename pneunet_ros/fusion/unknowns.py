@@ -57,11 +57,7 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
             curvature=curvature_off(arm),
             stiffness=stiffness_off(arm, STIFFNESS_SHARE),
         ),
-        Placement(
-            dots=arm.target_arclength.size,
-            one_std=noise.placement_std,
-            known=placed,
-        ),
+        Placement(dots=arm.target_arclength.size, one_std=noise.placement_std, known=placed),
         TargetRow(
             arclength=arm.target_arclength,
             spacing_std=noise.row_spacing_std,

@@ -218,10 +218,7 @@ def with_cause(model: PreparedModel, cause: Cause, base: Alternative) -> list[Al
 
 
 def should_test_causes(
-    model: PreparedModel,
-    taken: TakenFrame,
-    weighed: list[Alternative],
-    touches: list[Alternative],
+    model: PreparedModel, taken: TakenFrame, weighed: list[Alternative], touches: list[Alternative]
 ) -> bool:
     """Whether to test causes other than the current hypothesis.
 

@@ -87,12 +87,7 @@ class ChainFrame(NamedTuple):
 
 @inner
 def energy_of(
-    angles: Array,
-    frame: ChainFrame,
-    share: float,
-    gradient: Array,
-    diagonal: Array,
-    beside: Array,
+    angles: Array, frame: ChainFrame, share: float, gradient: Array, diagonal: Array, beside: Array
 ) -> float:
     """Return the energy (J) of the chain; fills its gradient and tridiagonal Hessian.
 

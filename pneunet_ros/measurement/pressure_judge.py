@@ -15,11 +15,7 @@ import math
 
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals, PRESSURE_UNITS
-from pneunet_ros.measurement.pressure_convention import (
-    ABSOLUTE,
-    GAUGE,
-    PressureConvention,
-)
+from pneunet_ros.measurement.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
 from pneunet_ros.measurement.reading_judge import JudgeSettings, ranked, ReadingVerdict
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
@@ -74,9 +70,7 @@ class PressureJudgeSettings(JudgeSettings):
         (72e3, 105e3), 'the air below 2700 m', unit='Pa', source='literature: ISO 2533, weather'
     )
     in_lowland: float = tuning(
-        0.75,
-        'people who live below 500 m',
-        source='literature: Cohen and Small, PNAS 95 (1998)',
+        0.75, 'people who live below 500 m', source='literature: Cohen and Small, PNAS 95 (1998)'
     )
     leaves: float = tuning(
         0.05, 'recordings that leave the calibrated range', source='convention: one of twenty'

@@ -29,10 +29,7 @@ def steady_segments(values: Array, still: Array | float) -> list[tuple[int, int]
 
 
 def held_spans(
-    stamp_ns: Stamps,
-    values: Array,
-    still: Array | float,
-    shortest: float = SHORTEST_HOLD,
+    stamp_ns: Stamps, values: Array, still: Array | float, shortest: float = SHORTEST_HOLD
 ) -> list[tuple[int, int]]:
     """Return first and last index of the `steady_segments` of at least `shortest` s."""
     return [

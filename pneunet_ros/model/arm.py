@@ -147,11 +147,7 @@ class Arm:
         )
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'effects', effects)
-        for place, method in (
-            ('sensing', 'sense'),
-            ('seeing', 'see'),
-            ('acting', 'actuate'),
-        ):
+        for place, method in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
             acting_there = tuple(item for item in effects if item.implements(method))
             object.__setattr__(self, place, acting_there)
         dependent = [i for i, item in enumerate(self.acting) if item.implements('history_terms')]
@@ -403,10 +399,7 @@ class Arm:
         return terms if terms.part is None or effect.name in self.parted else NO_TERMS
 
     def add_to(
-        self,
-        every: Sequence[Terms],
-        record: Record,
-        mixed_rotation: Callable[[Array], Array],
+        self, every: Sequence[Terms], record: Record, mixed_rotation: Callable[[Array], Array]
     ) -> Record:
         """Add the terms of effects to a record, which may be overwritten.
 

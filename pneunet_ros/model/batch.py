@@ -36,12 +36,7 @@ from pneunet_ros.solver.columns import (
     THETA,
 )
 from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.settings import (
-    ACCEPTED,
-    BATCH_ITERATIONS,
-    BATCH_TOLERANCE,
-    SOLVER,
-)
+from pneunet_ros.solver.settings import ACCEPTED, BATCH_ITERATIONS, BATCH_TOLERANCE, SOLVER
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

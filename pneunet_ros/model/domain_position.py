@@ -58,10 +58,7 @@ class DomainPosition:
 
 
 def locate_load(
-    arm: Arm,
-    load: Load,
-    chamber: float,
-    std: tuple[float, float, float, float] | None = None,
+    arm: Arm, load: Load, chamber: float, std: tuple[float, float, float, float] | None = None
 ) -> DomainPosition:
     """Return the position of a true load at a chamber pressure (Pa) relative to the domain.
 

@@ -331,11 +331,7 @@ def solve_dead_loads(
 
 
 def follow_shape(
-    rods: Rods,
-    load: Load,
-    start: SolverNodes,
-    arclength: Array,
-    settings: SolverSettings,
+    rods: Rods, load: Load, start: SolverNodes, arclength: Array, settings: SolverSettings
 ) -> Shape | None:
     """Return the shape next to a neighbor, on its mesh; None if that mesh is not enough."""
     if len(start.counts) != rods.sections.shape[1]:

@@ -32,11 +32,7 @@ SLENDER = 1.0 / 16.0  # radius of the capsules / length: a finger of 112 mm is 1
 
 
 def hinge_chain(
-    arm: Arm,
-    *,
-    damping_time: float,
-    radius: float | None = None,
-    links: int = LINKS,
+    arm: Arm, *, damping_time: float, radius: float | None = None, links: int = LINKS
 ) -> HingeChain:
     """Return an arm as a chain of hinges with its masses, springs and damping.
 

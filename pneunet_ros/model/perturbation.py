@@ -86,10 +86,7 @@ class Perturbation:
         """Return some of the causes."""
         parts: dict[str, Any] = {name: getattr(self, name)[:, which] for name in TABLES}
         return Perturbation(
-            **parts,
-            distance=self.distance[which],
-            by_load=by_load,
-            same_places=self.same_places,
+            **parts, distance=self.distance[which], by_load=by_load, same_places=self.same_places
         )
 
     def sides(self, rods: Rods) -> tuple[Rods, Rods]:
@@ -115,10 +112,7 @@ class Perturbation:
         for column, normal in ((LOAD_X, -np.sin(heading)), (LOAD_Y, np.cos(heading))):
             sections[..., column] += np.einsum('scpk,p->sck', self.push, normal)
         return replace(
-            self,
-            sections=sections,
-            push=self.push[:, :, :0],
-            push_place=self.push_place[:, :, :0],
+            self, sections=sections, push=self.push[:, :, :0], push_place=self.push_place[:, :, :0]
         )
 
     def moved(self, rods: Rods, amounts: Array) -> Rods:
@@ -223,10 +217,7 @@ class PerturbationTable:
         self.alike = group_equal_terms(self.sides, self.changing)
 
     def at(
-        self,
-        pressure: float,
-        history: tuple[History, ...] | None = None,
-        load: Load | None = None,
+        self, pressure: float, history: tuple[History, ...] | None = None, load: Load | None = None
     ) -> tuple[Rods, Perturbation]:
         """Return the rod record at a chamber pressure (Pa), and its changes.
 
@@ -279,9 +270,7 @@ class PerturbationTable:
         every = near_records(arm, pressure, step, history, load)
         loads = None if load is None else load.row
         record = Record.without_pushes(
-            sections,
-            clamp.copy(),
-            rotation.reshape(2 * causes, *arm.table.rotation.shape[1:]),
+            sections, clamp.copy(), rotation.reshape(2 * causes, *arm.table.rotation.shape[1:])
         )
         record = join_records(
             [
@@ -452,11 +441,7 @@ def with_pressure_change(
 
 
 def near_records(
-    arm: Arm,
-    pressure: float,
-    step: float,
-    history: tuple[History, ...] | None,
-    load: Load | None,
+    arm: Arm, pressure: float, step: float, history: tuple[History, ...] | None, load: Load | None
 ) -> Rods:
     """Return the rod records at a pressure (Pa) and one step before and after it."""
     loads = None if load is None or not arm.by_load else np.repeat(load.row, 3, axis=0)
@@ -472,10 +457,7 @@ def gravity_of(load: Load | None, count: int) -> Array | None:
 
 
 def load_change(
-    arm: Arm,
-    pressure: float,
-    history: tuple[History, ...] | None,
-    load: Load | None,
+    arm: Arm, pressure: float, history: tuple[History, ...] | None, load: Load | None
 ) -> Perturbation:
     """Return the changes of the rod record with F1, F2 and M through effects."""
     step = LOAD_STEP * arm.weight * np.array([1.0, 1.0, arm.length])

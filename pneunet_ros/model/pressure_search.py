@@ -50,10 +50,7 @@ def pressure_for_tip(
 
 
 def pressure_for_force(
-    arm: Arm,
-    force: float,
-    tip: tuple[float, float],
-    moment: float = 0.0,
+    arm: Arm, force: float, tip: tuple[float, float], moment: float = 0.0
 ) -> tuple[float, Shape]:
     """Find the pressure at which an arm with a held tip exerts a wanted force.
 

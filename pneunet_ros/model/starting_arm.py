@@ -31,11 +31,7 @@ STARTING_ARM = StartingArmSettings()
 
 
 def starting_arm(
-    name: str,
-    length: float,
-    weight: float,
-    places: Array,
-    largest_pressure: float,
+    name: str, length: float, weight: float, places: Array, largest_pressure: float
 ) -> Arm:
     """Return an evenly bending arm of this size, with invented numbers marked as such.
 

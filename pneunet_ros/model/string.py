@@ -126,12 +126,7 @@ def solve_string(
 
 
 def settle(
-    arm: Arm,
-    pressure: float,
-    string: String,
-    other_force: Array,
-    moment: float,
-    start: Shape,
+    arm: Arm, pressure: float, string: String, other_force: Array, moment: float, start: Shape
 ) -> tuple[Shape | None, int]:
     """Iterate from a nearby shape until the force is that of the string; count the steps."""
     shape = start

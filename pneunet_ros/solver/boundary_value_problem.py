@@ -48,16 +48,7 @@ class BoundaryValueProblem:
     free end. `panels`, `ends` and `nodes` are tables of `solver.columns`, `residual` is in rad.
     """
 
-    __slots__ = (
-        'counts',
-        'ends',
-        'iterations',
-        'nodes',
-        'panels',
-        'residual',
-        'rods',
-        'settings',
-    )
+    __slots__ = ('counts', 'ends', 'iterations', 'nodes', 'panels', 'residual', 'rods', 'settings')
 
     def __init__(
         self,

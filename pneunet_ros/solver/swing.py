@@ -58,9 +58,7 @@ def at_rest(shapes: int) -> Swing:
     """Return a chain at rest in its equilibrium."""
     size = 2 * shapes
     return Swing(
-        state=np.zeros((2, shapes)),
-        covariance=np.zeros((size, size)),
-        columns=np.zeros((2, size)),
+        state=np.zeros((2, shapes)), covariance=np.zeros((size, size)), columns=np.zeros((2, size))
     )
 
 

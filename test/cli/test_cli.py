@@ -587,10 +587,7 @@ def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp
         (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'no_camera_info'),
         (['folder', '--preview', 'p.gif'], 'wrong_suffix'),
         (['folder', '--with-images'], 'missing'),
-        (
-            ['folder', '--output', 'w5.txt'],
-            'wrong_suffix',
-        ),
+        (['folder', '--output', 'w5.txt'], 'wrong_suffix'),
         (['folder', '--estimates', 'e.mcap'], 'missing'),
         (['folder', '--estimates', 'e.mcap', '--preview', 'p.png'], 'missing'),
         (['folder', '--table', 'p.png', '--preview', 'p.png'], 'given_twice'),

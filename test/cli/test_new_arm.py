@@ -74,29 +74,17 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
-        (
-            ('--length', '112mm'),
-            'missing',
-        ),
-        (
-            ('--length', '112', *SIZES[2:], '--targets', '9'),
-            'out_of_bounds',
-        ),
+        (('--length', '112mm'), 'missing'),
+        (('--length', '112', *SIZES[2:], '--targets', '9'), 'out_of_bounds'),
         ((*SIZES, '--places', '0', '10', '20'), 'out_of_bounds'),
         ((*SIZES, '--targets', '2'), 'out_of_bounds'),
         ((*SIZES, '--targets', '40'), 'out_of_bounds'),
-        (
-            (*SIZES[:-1], '3furlong', '--targets', '9'),
-            'not_a_number',
-        ),
+        ((*SIZES[:-1], '3furlong', '--targets', '9'), 'not_a_number'),
         ((*SIZES[:-1], '0mm', '--targets', '9'), 'out_of_bounds'),
         ((*SIZES, '--targets', '9', '--places', '0', '1'), 'exclusive'),
         ((*SIZES, '--places', '0', '10mm', '5mm'), 'not_increasing'),
         ((*SIZES, '--targets', '9', '--output', 'arm.txt'), 'wrong_suffix'),
-        (
-            ('--length', '0.6', *SIZES[2:], '--targets', '12'),
-            'too_large',
-        ),
+        (('--length', '0.6', *SIZES[2:], '--targets', '12'), 'too_large'),
     ],
 )
 def test_what_makes_no_arm_is_said(run, tmp_path, capsys, arguments, reason):

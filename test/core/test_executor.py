@@ -32,10 +32,7 @@ def test_no_workers_are_refused():
 
 def test_without_dask_what_to_install_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
-    with (
-        refused(RequestError, 'not_installed'),
-        open_executor(scheduler='tcp://nowhere:8786'),
-    ):
+    with refused(RequestError, 'not_installed'), open_executor(scheduler='tcp://nowhere:8786'):
         pass
 
 
@@ -57,8 +54,5 @@ def test_a_cluster_of_two_workers_does_the_same():
 def test_a_scheduler_that_does_not_answer_is_said(monkeypatch):
     pytest.importorskip('distributed')
     monkeypatch.setattr('pneunet_ros.core.executor.PATIENCE', 1)
-    with (
-        refused(RequestError, 'no_answer'),
-        open_executor(scheduler='tcp://127.0.0.1:9'),
-    ):
+    with refused(RequestError, 'no_answer'), open_executor(scheduler='tcp://127.0.0.1:9'):
         pass

@@ -9,14 +9,7 @@ from pneunet_ros.core.image import ENCODINGS, Image
 import pytest
 from support.refusals import refused
 
-FIELDS = {
-    'stamp_ns': 0,
-    'frame_id': '',
-    'width': 3,
-    'height': 2,
-    'step': 3,
-    'encoding': 'mono8',
-}
+FIELDS = {'stamp_ns': 0, 'frame_id': '', 'width': 3, 'height': 2, 'step': 3, 'encoding': 'mono8'}
 
 
 SHAPE = 8, 12

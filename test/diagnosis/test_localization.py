@@ -64,8 +64,7 @@ def test_noise_alone_is_nowhere():
 
 
 @pytest.mark.parametrize(
-    ('axis', 'which'),
-    [('pressure', 2), ('pressure', 4), ('force', 0), ('force', 3), ('time', 1)],
+    ('axis', 'which'), [('pressure', 2), ('pressure', 4), ('force', 0), ('force', 3), ('time', 1)]
 )
 def test_a_misfit_in_one_stretch_is_found_there(axis, which):
     frames = clean()

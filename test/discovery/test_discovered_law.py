@@ -7,12 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from pneunet_ros.discovery.discovery import linear_terms
 from pneunet_ros.discovery.kinds import KINDS
-from pneunet_ros.discovery.proposed_effect import (
-    effect_class,
-    effect_source,
-    LAW_ERROR,
-    Parameter,
-)
+from pneunet_ros.discovery.proposed_effect import effect_class, effect_source, LAW_ERROR, Parameter
 import pytest
 
 

@@ -19,11 +19,7 @@ from pneunet_ros.discovery.covariates import (
     side_of_play,
 )
 from pneunet_ros.discovery.kinds import KINDS
-from pneunet_ros.discovery.proposed_effect import (
-    effect_class,
-    effect_source,
-    parameter_of,
-)
+from pneunet_ros.discovery.proposed_effect import effect_class, effect_source, parameter_of
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, PressureScale
 from pneunet_ros.effects.hysteresis import Hysteresis

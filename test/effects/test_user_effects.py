@@ -164,10 +164,7 @@ def test_installed_packages_may_offer_effects(tmp_path, monkeypatch):
     offer('soft_part:SoftPart')
     assert [effect.name for effect in add_installed_effects()] == ['soft_part']
     assert 'soft_part' in EFFECTS
-    for value, reason in (
-        ('soft_part:Hard', 'not_imported'),
-        ('soft_part:Terms', 'wrong_form'),
-    ):
+    for value, reason in (('soft_part:Hard', 'not_imported'), ('soft_part:Terms', 'wrong_form')):
         offer(value)
         with refused(ModelError, reason):
             add_installed_effects()

@@ -346,8 +346,7 @@ def test_absolute_pressure_taken_for_gauge_is_recognized():
 
 def test_gauge_pressure_taken_for_absolute_is_recognized():
     refusal = last(
-        estimator_with(wrench_required=False, pressure_reference='absolute'),
-        pressure(1, PRESSURE),
+        estimator_with(wrench_required=False, pressure_reference='absolute'), pressure(1, PRESSURE)
     )
     assert '31 to 31 kPa' in refusal.sentence
     assert 'pressure_reference' in refusal.sentence

@@ -112,10 +112,7 @@ def clean():
 
 def test_a_model_that_holds_moves_as_far_as_chance_says(clean):
     assert all(one.holds and not one.sentence for one in clean)
-    for moved, unknowns in (
-        ('moved', 'unknowns'),
-        ('moved_with_places', 'unknowns_with_places'),
-    ):
+    for moved, unknowns in (('moved', 'unknowns'), ('moved_with_places', 'unknowns_with_places')):
         total = sum(getattr(one, moved) for one in clean)
         numbers = sum(getattr(one, unknowns) for one in clean)
         assert total == pytest.approx(numbers, abs=4.0 * np.sqrt(2.0 * numbers))

@@ -105,10 +105,7 @@ def test_an_interrupt_at_any_instant_leaves_nothing_but_what_is_whole(
 def test_an_existing_output_is_refused_before_any_work(tmp_path):
     place = tmp_path / 'output'
     place.write_text('old')
-    with (
-        refused(RecordingError, 'exists'),
-        atomic_output(place),
-    ):
+    with refused(RecordingError, 'exists'), atomic_output(place):
         pytest.fail('work was done')
     assert place.read_text() == 'old'
     assert names(tmp_path) == ['output']
@@ -191,10 +188,7 @@ def test_a_file_is_not_replaced_by_a_folder(tmp_path):
 
 
 def test_a_device_is_never_replaced():
-    with (
-        refused(RecordingError, 'wrong_kind'),
-        atomic_output('/dev/null', overwrite=True),
-    ):
+    with refused(RecordingError, 'wrong_kind'), atomic_output('/dev/null', overwrite=True):
         pytest.fail('work was done')
 
 
@@ -224,19 +218,13 @@ def test_the_input_is_never_overwritten(tmp_path, monkeypatch, output):
 
 def test_a_place_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / 'file').write_text('')
-    with (
-        refused(RecordingError, 'unwritable'),
-        atomic_output(tmp_path / 'file' / 'inside'),
-    ):
+    with refused(RecordingError, 'unwritable'), atomic_output(tmp_path / 'file' / 'inside'):
         pytest.fail('work was done')
 
 
 @pytest.mark.parametrize('code', [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
 def test_no_room_is_a_sentence_and_leaves_nothing(tmp_path, code):
-    with (
-        refused(RecordingError, 'unwritable'),
-        atomic_output(tmp_path / 'output') as temporary,
-    ):
+    with refused(RecordingError, 'unwritable'), atomic_output(tmp_path / 'output') as temporary:
         temporary.write_text('1')
         raise OSError(code, os.strerror(code))
     assert names(tmp_path) == []
@@ -248,10 +236,7 @@ def test_other_errors_of_the_system_pass(tmp_path):
 
 
 def test_writing_nothing_is_an_error(tmp_path):
-    with (
-        refused(RecordingError, 'nothing_written'),
-        atomic_output(tmp_path / 'output'),
-    ):
+    with refused(RecordingError, 'nothing_written'), atomic_output(tmp_path / 'output'):
         pass
 
 

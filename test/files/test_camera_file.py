@@ -236,11 +236,7 @@ POSE = 'pose, position: [0, 0, 1], quaternion: '
         ('schema_version: 1', 'schema_version: 2', 'unknown_version'),
         ('schema_version: 1', 'schema_version: true', 'unknown_version'),
         ('{method: rest}', 'rest', 'not_a_mapping'),
-        (
-            '{method: rest}',
-            '{}',
-            'unknown_kind',
-        ),
+        ('{method: rest}', '{}', 'unknown_kind'),
         ('method: rest', 'method: [rest]', 'unknown_kind'),
         ('method: rest', 'method: homography', 'missing_key'),
         ('method: rest', 'method: homography, pixels: 3, points: 4', 'wrong_shape'),
@@ -254,11 +250,7 @@ POSE = 'pose, position: [0, 0, 1], quaternion: '
             'method: homography, pixels: [[1, 2], [3, 4]], points: [[1, 2], [1, 3]]',
             'too_few',
         ),
-        (
-            'method: rest',
-            'method: homography, pixels: [[1, x]], points: [[1, 2]]',
-            'not_a_table',
-        ),
+        ('method: rest', 'method: homography, pixels: [[1, x]], points: [[1, 2]]', 'not_a_table'),
         ('method: rest', 'method: pose', 'missing_key'),
         ('rest}', POSE + '[1, 0, 0]}', 'wrong_shape'),
         ('rest}', POSE + '[1, 1, 0, 0]}', 'no_direction'),
@@ -297,11 +289,7 @@ def test_wrong_settings_are_refused(write, old, new, reason):
 @pytest.mark.parametrize(
     ('old', 'new', 'reason'),
     [
-        (
-            'image_width: 640\n',
-            '',
-            'missing_key',
-        ),
+        ('image_width: 640\n', '', 'missing_key'),
         ('image_width: 640', 'image_width: wide', 'out_of_bounds'),
         ('image_height: 480', 'image_height: 0', 'out_of_bounds'),
         ('camera_matrix:', 'matrix:', 'missing_key'),
@@ -312,11 +300,7 @@ def test_wrong_settings_are_refused(write, old, new, reason):
         ('611.5', '0.', 'not_calibrated'),
         ('plumb_bob', 'equidistant', 'unknown_kind'),
         ('plumb_bob', '[plumb_bob]', 'unknown_kind'),
-        (
-            ', 0.]\nrect',
-            ', 0., 0.]\nrect',
-            'wrong_shape',
-        ),
+        (', 0.]\nrect', ', 0., 0.]\nrect', 'wrong_shape'),
         ('distortion_coefficients:', 'distortion_coefficients: 3\nother:', 'not_a_mapping'),
         (CALIBRATION, EXAMPLE, 'missing_key'),
         (CALIBRATION, '', 'not_a_mapping'),

@@ -15,12 +15,7 @@ from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
-from pneunet_ros.measurement.inference.gaussian import (
-    compressed,
-    forget,
-    take_measurement,
-    widen,
-)
+from pneunet_ros.measurement.inference.gaussian import compressed, forget, take_measurement, widen
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 

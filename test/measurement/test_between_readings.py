@@ -16,9 +16,7 @@ from pneunet_ros.measurement.between_readings import (
     MISSED,
     VALUE,
 )
-from pneunet_ros.measurement.between_readings import (
-    NOISE as NOISE_SIZE,
-)
+from pneunet_ros.measurement.between_readings import NOISE as NOISE_SIZE
 import pytest
 
 PERIOD = 100_000_000  # ns

@@ -163,10 +163,7 @@ def test_a_delay_gives_late_frames_what_acted_when_they_were_taken(effects):
         late = stamped_later(run, delay)
         wanted, found = (
             inputs_of(paper_arm(more), [given])[0]
-            for more, given in (
-                (effects, run),
-                ((*effects, CameraDelay(delay=delay)), late),
-            )
+            for more, given in ((effects, run), ((*effects, CameraDelay(delay=delay)), late))
         )
         np.testing.assert_allclose(found.pressure, wanted.pressure, rtol=1e-12)
         np.testing.assert_allclose(found.loads, wanted.loads, rtol=1e-12)

@@ -179,10 +179,7 @@ def test_noise_of_a_reading_has_no_past():
         assert inputs.pressure == pytest.approx(other.pressure, abs=0.05)
     slow = found.at(replace(found.point, effects=(PressureLag(time_constant=0.3),)))
     for inputs, quick, run in zip(
-        slow.known_inputs.of(slow.point.arm),
-        slow.known_inputs.filtered,
-        found.runs,
-        strict=True,
+        slow.known_inputs.of(slow.point.arm), slow.known_inputs.filtered, found.runs, strict=True
     ):
         followed = inputs.pressure - quick.noise
         assert np.abs(followed - run.frame_pressure).max() > 100.0 or not run.loaded

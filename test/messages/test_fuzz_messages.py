@@ -19,11 +19,7 @@ from pneunet_ros.messages.readings import (
     decode_wrench,
     targets_message,
 )
-from pneunet_ros.messages.tracker import (
-    decode_camera_info,
-    decode_compressed_image,
-    decode_image,
-)
+from pneunet_ros.messages.tracker import decode_camera_info, decode_compressed_image, decode_image
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 from pneunet_ros.vision.camera.camera_model import Lens
 import pytest

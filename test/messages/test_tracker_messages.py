@@ -37,9 +37,7 @@ from support.random_frames import (
     random_tracking,
     soft_picture,
 )
-from support.random_frames import (
-    TARGETS as COUNT,
-)
+from support.random_frames import TARGETS as COUNT
 from support.refusals import refused
 
 FRAME = 'pneunet_base'

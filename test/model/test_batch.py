@@ -65,10 +65,7 @@ def test_a_cubic_law_is_solved_rod_by_rod() -> None:
 
 
 def test_rods_with_a_past_are_those_solved_alone() -> None:
-    effects = (
-        EFFECTS['creep'](amplitude=0.2, time_constant=5.0),
-        EFFECTS['softening'](loss=0.3),
-    )
+    effects = (EFFECTS['creep'](amplitude=0.2, time_constant=5.0), EFFECTS['softening'](loss=0.3))
     arm = replace(ARM, effects=effects)
     history, histories = arm.initial_history(20e3), []
     pressures = np.array([31e3, 34e3, 31e3])

@@ -17,11 +17,7 @@ from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.model.equilibrium import (
-    linearize_shape,
-    solve_rod,
-    tip_jacobian,
-)
+from pneunet_ros.model.equilibrium import linearize_shape, solve_rod, tip_jacobian
 from pneunet_ros.model.moment_law import LinearLaw
 from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 import pytest

@@ -11,12 +11,7 @@ from pneunet_ros.lab.scenario import lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model import equilibrium
-from pneunet_ros.model.equilibrium import (
-    headings,
-    HeadingSearch,
-    linearize_shape,
-    solve_rod,
-)
+from pneunet_ros.model.equilibrium import headings, HeadingSearch, linearize_shape, solve_rod
 from pneunet_ros.model.part_load import (
     PartLoad,
     pushed_on_panels,

@@ -23,9 +23,7 @@ from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa:
 from pneunet_ros.nodes.gripper.configuration import PARAMETERS as GRIPPER  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noqa: E402
-from pneunet_ros.nodes.virtual_gripper.configuration import (  # noqa: E402
-    PARAMETERS as VIRTUAL_GRIPPER,
-)
+from pneunet_ros.nodes.virtual_gripper.configuration import PARAMETERS as VIRTUAL_GRIPPER  # noqa: E402
 from support.refusals import refused  # noqa: E402
 
 TABLES = {

@@ -46,12 +46,7 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as VIRTUAL_AR
 # Parameters
 
 
-TABLES = {
-    'estimator': ESTIMATOR,
-    'tracker': TRACKER,
-    'fusion': FUSION,
-    'virtual_arm': VIRTUAL_ARM,
-}
+TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'fusion': FUSION, 'virtual_arm': VIRTUAL_ARM}
 FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fields]
 
 

@@ -382,10 +382,7 @@ def test_no_shape_is_better_than_a_wrong_one(peer, what):
 
 @pytest.mark.parametrize(
     ('reason', 'frame_id', 'force', 'level'),
-    [
-        ('wrong_frame', 'tool0', 0.1, 'ERROR'),
-        ('not_finite', 'pneunet_base', math.inf, 'WARN'),
-    ],
+    [('wrong_frame', 'tool0', 0.1, 'ERROR'), ('not_finite', 'pneunet_base', math.inf, 'WARN')],
 )
 def test_a_bad_wrench_is_refused_and_the_last_good_one_used(peer, reason, frame_id, force, level):
     good = expect_estimate(peer, 100.0)

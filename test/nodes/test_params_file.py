@@ -8,11 +8,7 @@ import pytest
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.params_file import (  # noqa: E402
-    check_names_some,
-    missed_node,
-    params_files,
-)
+from pneunet_ros.nodes.params_file import check_names_some, missed_node, params_files  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from support.refusals import refused  # noqa: E402

@@ -192,9 +192,7 @@ def test_timers_services_and_other_subscriptions_have_their_turns(executor, node
     client = node.create_client(Trigger, 'serve')
     words = node.create_publisher(String, 'words', 10)
     turn_until(
-        executor,
-        node,
-        lambda: words.get_subscription_count() == 2 and client.service_is_ready(),
+        executor, node, lambda: words.get_subscription_count() == 2 and client.service_is_ready()
     )
     client.call_async(Trigger.Request())
     words.publish(String(data='one'))

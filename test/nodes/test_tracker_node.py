@@ -367,7 +367,7 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
 
     node = SimpleNamespace(
         configuration=SimpleNamespace(
-            tracker=Tracker(filmed.ARM, load_camera(share_path('config/camera.yaml'))),
+            tracker=Tracker(filmed.ARM, load_camera(share_path('config/camera.yaml')))
         ),
         serializer=MessageSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base'),
         state=TrackerState(),

@@ -18,16 +18,7 @@ from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support.example_arms import paper_arm
-from support.recorded_datasets import (
-    MS,
-    pressure,
-    readings,
-    record,
-    START,
-    targets,
-    TYPES,
-    wrench,
-)
+from support.recorded_datasets import MS, pressure, readings, record, START, targets, TYPES, wrench
 from support.refusals import reasons
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -92,11 +92,9 @@ def test_holds_of_the_script_are_the_rows_of_the_paper(script, readings):
         assert last - first == 2 * 10**9
         for stamp in range(first, last + 1, 50_000_000):
             wrench = wrenches[stamp]
-            assert [
-                pressures[stamp].pressure,
-                wrench.force_x,
-                wrench.force_y,
-            ] == pytest.approx([ROWS[row][0] * 1000, *ROWS[row][1:]], rel=1e-15)
+            assert [pressures[stamp].pressure, wrench.force_x, wrench.force_y] == pytest.approx(
+                [ROWS[row][0] * 1000, *ROWS[row][1:]], rel=1e-15
+            )
             assert wrench.moment == 0.0
             assert wrench.frame_id == 'pneunet_base'
             assert pressures[stamp].variance == 0.0

@@ -152,36 +152,24 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
 
 
 def test_an_unknown_type_is_refused(tmp_path):
-    with (
-        refused(RecordingError, 'unknown_type'),
-        write_recording(tmp_path / 'r.mcap') as writer,
-    ):
+    with refused(RecordingError, 'unknown_type'), write_recording(tmp_path / 'r.mcap') as writer:
         writer.add('/volts', 'lab_msgs/msg/Volts')
     assert names(tmp_path) == []
 
 
 def test_a_topic_is_added_once(tmp_path):
-    with (
-        refused(RecordingError, 'given_twice'),
-        write_recording(tmp_path / 'r.mcap') as writer,
-    ):
+    with refused(RecordingError, 'given_twice'), write_recording(tmp_path / 'r.mcap') as writer:
         writer.add(PRESSURE, PRESSURE_TYPE)
         writer.add(PRESSURE, WRENCH_TYPE)
 
 
 def test_unfit_content_is_refused(tmp_path):
-    with (
-        refused(MessageError, 'not_serialized'),
-        write_recording(tmp_path / 'r.mcap') as writer,
-    ):
+    with refused(MessageError, 'not_serialized'), write_recording(tmp_path / 'r.mcap') as writer:
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), 0, pressure(0, value='high'))
 
 
 def test_a_log_time_before_1970_is_refused(tmp_path):
-    with (
-        refused(RecordingError, 'out_of_bounds'),
-        write_recording(tmp_path / 'r.mcap') as writer,
-    ):
+    with refused(RecordingError, 'out_of_bounds'), write_recording(tmp_path / 'r.mcap') as writer:
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), -1, pressure(0))
 
 
@@ -209,10 +197,7 @@ def test_an_existing_output_is_refused_or_replaced_at_the_end(tmp_path, name):
 def test_a_folder_that_is_no_recording_is_never_replaced(tmp_path):
     folder = write_readings(tmp_path / 'arm')
     (folder / 'notes.txt').write_text('mine')
-    with (
-        refused(RecordingError, 'holds_other_files'),
-        write_recording(folder, overwrite=True),
-    ):
+    with refused(RecordingError, 'holds_other_files'), write_recording(folder, overwrite=True):
         pytest.fail('work was done')
 
 
@@ -231,10 +216,7 @@ def test_a_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, monkeypatch, nam
     def full(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    with (
-        refused(RecordingError, 'unwritable'),
-        write_recording(tmp_path / name) as writer,
-    ):
+    with refused(RecordingError, 'unwritable'), write_recording(tmp_path / name) as writer:
         monkeypatch.setattr(f'{MessageStorage.__module__}.MessageStorage.{when}', full)
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), 0, pressure(0))
     assert names(tmp_path) == []

@@ -13,11 +13,7 @@ from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.settings import FixedSettings, LACK_OF_FIT, SelectionSettings
 from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
-from pneunet_ros.reports.diagnosis.error_figures import (
-    errors_along_arm,
-    model_error,
-    worst_frames,
-)
+from pneunet_ros.reports.diagnosis.error_figures import errors_along_arm, model_error, worst_frames
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
 from pneunet_ros.reports.diagnosis.files import (

@@ -64,10 +64,7 @@ def test_little_is_drawn_too(steps, tmp_path, count, options):
 
 
 def test_after_an_exception_there_is_no_picture(tmp_path):
-    with (
-        pytest.raises(KeyboardInterrupt),
-        write_at_end(tmp_path / 'p.png', None, Path.touch),
-    ):
+    with pytest.raises(KeyboardInterrupt), write_at_end(tmp_path / 'p.png', None, Path.touch):
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 

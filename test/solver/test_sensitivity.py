@@ -41,10 +41,7 @@ def test_each_is_one_change(steady_state):
 
 @pytest.mark.parametrize(
     ('law', 'name'),
-    [
-        (LinearLaw(bending_stiffness=1.4e-4), 'EI'),
-        (MajidiLaw(modulus=3e6, **SECTION), 'E'),
-    ],
+    [(LinearLaw(bending_stiffness=1.4e-4), 'EI'), (MajidiLaw(modulus=3e6, **SECTION), 'E')],
     ids=['linear', 'majidi'],
 )
 def test_a_law_of_one_section_has_no_l1(steady_state, law, name):

@@ -32,11 +32,7 @@ WIDTH, HEIGHT = 640, 480
 RATE = 25.0  # Hz
 PERIOD_NS = 40_000_000
 CAMERA = looking_down(
-    width=WIDTH,
-    height=HEIGHT,
-    focal_px=600.0,
-    scale=0.00026,
-    middle=(0.055, 0.03),
+    width=WIDTH, height=HEIGHT, focal_px=600.0, scale=0.00026, middle=(0.055, 0.03)
 )
 REST = 5  # frames at the beginning in which the arm is straight
 FRAMES = 12

@@ -81,10 +81,7 @@ def design(effect: str = '', day: int = 0) -> Linearization:
     """Return the recordings of a day around the base model."""
     fit = base()
     point = LinearizationPoint(
-        parameters=fit.parameters,
-        values=fit.values,
-        placement=fit.placement,
-        origin=fit.origin,
+        parameters=fit.parameters, values=fit.values, placement=fit.placement, origin=fit.origin
     )
     runs = [run.thin(FRAMES) for run in recorded(effect, day)]
     return Linearization(point, runs, len(TRAINING), noise())

@@ -92,9 +92,7 @@ class View:
         return Scene(
             camera=camera,
             light=Light(
-                gradient_u=rng.uniform(-0.4, 0.4),
-                gradient_v=rng.uniform(-0.3, 0.3),
-                vignette=0.2,
+                gradient_u=rng.uniform(-0.4, 0.4), gradient_v=rng.uniform(-0.3, 0.3), vignette=0.2
             ),
             labels=(Label(u=0.8 * width, v=0.9 * height, width=90 * unit, height=40 * unit),),
             spots=tuple(spots),

@@ -10,13 +10,7 @@ import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import SI_PER_UNIT
 from pneunet_ros.tables import csv_table
-from pneunet_ros.tables.columns import (
-    column_of,
-    KINDS,
-    known_names,
-    likely_name,
-    standard_name,
-)
+from pneunet_ros.tables.columns import column_of, KINDS, known_names, likely_name, standard_name
 from pneunet_ros.tables.table_reader import ImportRequest, read_table, string_force
 import pytest
 from support.refusals import reasons, refused
@@ -234,10 +228,7 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s,pressure_pa\n,1\n', 'line 2, column time_s: the time is missing'),
         ('time_s,pressure_pa\nnan,1\n', 'line 2, column time_s: the time is missing'),
         ('time_s,pressure_pa\n1,1\n1,1\n', 'line 3, column time_s: time must increase from row'),
-        (
-            'time_s,pressure_pa\n2,1\n1,1\n',
-            'line 3, .*earlier than the one above: sort the rows',
-        ),
+        ('time_s,pressure_pa\n2,1\n1,1\n', 'line 3, .*earlier than the one above: sort the rows'),
         ('Time,pressure_pa\n1,1\n0.9,1\n0.8,1\n', 'line 3, .*earlier than the one above'),
         ('Time,pressure_pa\n1,1\n1,1\n', 'line 3, .* --ignore Time --rate HZ counts rows inst'),
         ('time_s,pressure_pa\n1772618400000,1\n', 'smaller unit, such as time_ms'),

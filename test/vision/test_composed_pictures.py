@@ -90,11 +90,7 @@ def test_the_same_number_gives_the_same_frame():
 def test_the_arm_is_tracked_before_a_photograph(arm, name, polarity, disturbances):
     """Five frames of rest, then it moves; acceptance/composed_pictures.py looks at many more."""
     composition = Composition(
-        photograph=name,
-        polarity=polarity,
-        disturbances=frozenset(disturbances),
-        begin=3,
-        frames=9,
+        photograph=name, polarity=polarity, disturbances=frozenset(disturbances), begin=3, frames=9
     )
     numbers = score_film(composition, arm).numbers()
     assert (numbers['resting'], numbers['unexplained']) == (4, 0)

@@ -194,9 +194,7 @@ def test_a_pixel_has_one_place_whatever_the_plumb_bob(k, x, y):
 
 
 @given(
-    k=st.tuples(small, small, tangential, tangential, small, small, small, small),
-    x=place,
-    y=place,
+    k=st.tuples(small, small, tangential, tangential, small, small, small, small), x=place, y=place
 )
 @example(k=(0, 0, 0, 0, 0.5, 0.4453125, -0.482421875, 0.044921875), x=1.5, y=0.25)  # near a pole
 def test_a_pixel_has_one_place_whatever_the_polynomials(k, x, y):
@@ -440,11 +438,7 @@ LINE = [[0.0, 0.0], [0.01, 0.02], [0.02, 0.04], [0.03, 0.06]]
         (SQUARE, 4 * [[0.0, 0.0]], 'not_determined'),
         (SQUARE, [CORNERS[at] for at in (0, 2, 1, 3)], 'behind_camera'),
         (SQUARE, [CORNERS[at] for at in (1, 0, 2, 3)], 'behind_camera'),
-        (
-            [*SQUARE, [300.0, 250.0]],
-            [*CORNERS, [0.1, 0.07]],
-            'inconsistent',
-        ),
+        ([*SQUARE, [300.0, 250.0]], [*CORNERS, [0.1, 0.07]], 'inconsistent'),
         ([*SQUARE[:3], [5000.0, 400.0]], CORNERS, 'beyond_lens'),
     ],
 )

@@ -23,12 +23,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
-from pneunet_ros.measurement.dataset import (
-    IDLE_SENSOR,
-    RecordingData,
-    SIGMA_OF_MEDIAN,
-    thinned,
-)
+from pneunet_ros.measurement.dataset import IDLE_SENSOR, RecordingData, SIGMA_OF_MEDIAN, thinned
 from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
 

@@ -34,10 +34,7 @@ class Score:
 
 
 def score(
-    arm: Arm,
-    run: RecordingData,
-    inputs: Inputs | None = None,
-    placement: Array | None = None,
+    arm: Arm, run: RecordingData, inputs: Inputs | None = None, placement: Array | None = None
 ) -> Score:
     """Predict a run from its readings and compare.
 

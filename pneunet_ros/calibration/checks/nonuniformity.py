@@ -59,9 +59,7 @@ def consider_nonuniformity(
     scale = missed if missed > CONSISTENCY.misfit else 1.0
     shared = scale * fit.shared_covariance + errors @ prior @ errors.T
     return replace(
-        fit,
-        covariance=frozen_array(shared[:size, :size]),
-        shared_covariance=frozen_array(shared),
+        fit, covariance=frozen_array(shared[:size, :size]), shared_covariance=frozen_array(shared)
     )
 
 

@@ -24,12 +24,7 @@ from pneunet_ros.measurement.pressure_judge import (
     judge_pressure,
     record_of,
 )
-from pneunet_ros.measurement.row_order import (
-    clamp_motion,
-    end_turns,
-    numbered_from_tip,
-    ROW_ORDER,
-)
+from pneunet_ros.measurement.row_order import clamp_motion, end_turns, numbered_from_tip, ROW_ORDER
 from pneunet_ros.model.arm import Arm
 
 

@@ -21,12 +21,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.measurement.blocks.block import (
-    FrameInputs,
-    Move,
-    Passage,
-    SizedBlock,
-)
+from pneunet_ros.measurement.blocks.block import FrameInputs, Move, Passage, SizedBlock
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.inference.variance_component import SizeGrid
 from pneunet_ros.model.arm import Arm

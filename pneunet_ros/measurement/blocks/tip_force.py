@@ -59,9 +59,7 @@ class TipForce(Block):
     scale: float
     swings: bool = False
     first_walk: float = tuning(
-        0.15,
-        'random walk of the tip force before any frame',
-        unit='of the force scale/sqrt(s)',
+        0.15, 'random walk of the tip force before any frame', unit='of the force scale/sqrt(s)'
     )
     least_walk: float = tuning(
         0.0015, 'random walk of a constant force', unit='of the force scale/sqrt(s)'
@@ -126,13 +124,7 @@ class TipForce(Block):
         return SizeGrid(sizes=walks, fall=0.0, time=self.walk_time)
 
     def estimate_walk(
-        self,
-        walk: Walk,
-        score: Array,
-        precision: Array,
-        size: float,
-        seconds: float,
-        frames: int,
+        self, walk: Walk, score: Array, precision: Array, size: float, seconds: float, frames: int
     ) -> Walk:
         """Return the walk after a frame of a swinging arm.
 

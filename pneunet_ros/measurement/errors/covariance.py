@@ -23,10 +23,7 @@ class Whitening:
     __slots__ = ('directions', 'log_volume', 'seen', 'shrink', 'std')
 
     def __init__(
-        self,
-        std: float | Array,
-        columns: Array,
-        seen: npt.NDArray[np.bool_] | None = None,
+        self, std: float | Array, columns: Array, seen: npt.NDArray[np.bool_] | None = None
     ) -> None:
         """Take std (coordinates,) or one for all, columns P (..., coordinates, errors).
 

@@ -20,12 +20,7 @@ from pneunet_ros.solver.panel import (
     resolve,
     sine_cosine,
 )
-from pneunet_ros.solver.settings import (
-    DESCENT_HALVINGS,
-    DESCENT_ITERATIONS,
-    LARGEST_STEP,
-    SETTLED,
-)
+from pneunet_ros.solver.settings import DESCENT_HALVINGS, DESCENT_ITERATIONS, LARGEST_STEP, SETTLED
 
 
 @inner

@@ -95,10 +95,7 @@ def axes_of(rows: Array) -> Array:
 
 
 def measure_outlines(
-    grey: Bytes,
-    starts: Array,
-    look: Look,
-    settings: EllipseSettings = ELLIPSE,
+    grey: Bytes, starts: Array, look: Look, settings: EllipseSettings = ELLIPSE
 ) -> Array:
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN if none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
