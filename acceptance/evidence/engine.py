@@ -104,6 +104,7 @@ class Engine:
             covariance=np.eye(len(kept)),
             left_out_gain=0.0,
             explained=0.0,
+            std=1.0,
         )
         fits = JointFits(
             selection=self.selection, first=self.first, base=trial, search=place.search

@@ -35,7 +35,7 @@ class Law:
 
     coefficients (terms,) and covariance, in units of the kind's prior per scaled covariate;
     left_out_gain: in log probability of every run predicted from the others; explained: reduction
-    of chi squared.
+    of chi squared; std: prior of the coefficients.
     """
 
     cause: Cause
@@ -44,6 +44,7 @@ class Law:
     covariance: Array
     left_out_gain: float
     explained: float
+    std: float
 
 
 def choose_law(cause: Cause, runs: Runs) -> Law | None:
@@ -75,5 +76,6 @@ def choose_law(cause: Cause, runs: Runs) -> Law | None:
             covariance=covariance,
             left_out_gain=gain,
             explained=part.explained,
+            std=float(std),
         )
     return best

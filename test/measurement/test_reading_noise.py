@@ -8,22 +8,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from pneunet_ros.diagnosis import reading_noise
 from pneunet_ros.diagnosis.linearization import KnownInputs
 from pneunet_ros.diagnosis.reading_noise import with_more_noise, with_reading_noise
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.settings import ReadingNoiseSettings
 from support.lab_designs import asked, fitted
-
-FEW = ReadingNoiseSettings(draws=4)
 
 
 def more(refit: Refit, pressure_std: float) -> float:
     """Return the variance that the noise of a sensor like this adds to the first number."""
     linearization = copy.copy(refit.linearization)
     linearization.noise = replace(linearization.noise, pressure_std=pressure_std)
-    settings = linearization.settings
-    linearization.known_inputs = KnownInputs(linearization.runs, linearization.noise, settings)
-    louder = with_reading_noise(replace(refit, linearization=linearization), 1, FEW)
+    linearization.known_inputs = KnownInputs(linearization.runs, linearization.noise)
+    louder = with_reading_noise(replace(refit, linearization=linearization), 1)
     return float(louder.covariance[0, 0] - refit.covariance[0, 0])
 
 
@@ -32,7 +29,9 @@ def test_without_a_memory_nothing_changes():
     assert with_reading_noise(refit, seed=1) is refit
 
 
-def test_a_play_is_known_less_well_the_noisier_the_sensor():
+def test_a_play_is_known_less_well_the_noisier_the_sensor(monkeypatch):
+    few = replace(reading_noise.READING_NOISE, draws=4)
+    monkeypatch.setattr(reading_noise, 'READING_NOISE', few)
     refit = fitted('hysteresis', 'hysteresis')
     quiet, usual, loud = (more(refit, std) for std in (1.0, 60.0, 300.0))
     assert 0.0 <= quiet < usual < loud
