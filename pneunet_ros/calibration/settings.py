@@ -324,6 +324,10 @@ class CalibrationSettings:
 
 
 CALIBRATION = CalibrationSettings()
+CHANGEABLE_IN_CALIBRATION = frozenset({
+    'ExperimentSettings.most_frames', 'ExperimentSettings.rows', 'PreconditionSettings.declared',
+    'ResolutionSettings',
+})  # fmt: skip
 
 
 def judging(declared: PressureConvention | None) -> CalibrationSettings:

@@ -16,6 +16,7 @@ from pneunet_ros.calibration.settings import MAP_ESTIMATION
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
+from pneunet_ros.core.settings import check_changeable
 from pneunet_ros.diagnosis.augmented_model import (
     augment_model,
     describe_effects,
@@ -53,6 +54,7 @@ from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect
 from pneunet_ros.diagnosis.selection import Added, evidence_margin, Record, Selection, Trial
 from pneunet_ros.diagnosis.settings import (
     BASE_FIT,
+    CHANGEABLE_IN_DIAGNOSIS,
     DEFAULTS,
     DiagnosisSettings,
     SCORE_TEST,
@@ -96,7 +98,7 @@ def diagnose(
         seed: of the simulated clean data behind the thresholds.
         executor: runs the simulations; None: this process.
         on_progress: called with the task, its progress, and its total (0 = unknown).
-        settings: thresholds and priors.
+        settings: only those in `CHANGEABLE_IN_DIAGNOSIS` can differ from the default.
 
     Returns:
         The answer, with the model before and after, all numbers in SI; without numbers if the fit
@@ -104,7 +106,7 @@ def diagnose(
         (`discovery.discover`), as in `pneunet diagnose`.
 
     Raises:
-        RequestError: no training recording is without a load.
+        RequestError: no training recording is without a load, or a setting is fixed.
         RecordingError: a recording has too few frames, or contradicts the model.
         ModelError: the model has no shape in most of the recordings.
     """
@@ -130,6 +132,7 @@ def investigate(
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation | UnsettledInvestigation:
     """Diagnose like `diagnose`; return the diagnosis with all its fits."""
+    check_changeable(settings, CHANGEABLE_IN_DIAGNOSIS)
     model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out

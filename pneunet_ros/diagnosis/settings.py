@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import (
+    CALIBRATION,
+    CalibrationSettings,
+    CHANGEABLE_IN_CALIBRATION,
+)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
@@ -222,3 +226,6 @@ class DiagnosisSettings:
 
 
 DEFAULTS = DiagnosisSettings()
+CHANGEABLE_IN_DIAGNOSIS = CHANGEABLE_IN_CALIBRATION | {
+    'ConfirmationSettings.tested', 'HypothesisSettings.withheld',
+}  # fmt: skip
