@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -42,18 +42,17 @@ class SourceRequest:
     colored: bool = False
 
 
-def open_images(path: Path, request: SourceRequest) -> ImageStream:
-    """Open any source of images; raises RecordingError, RequestError or CameraError.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceKind:
+    """A kind of source: a test for its paths, and a function that opens them."""
 
-    A path that is neither a folder of images nor a video is a recording.
-    """
-    if _is_folder(path):
-        _refuse_topics(path, request)
-        return folder_images(path, request.camera_info, request.rate, colored=request.colored)
-    if path.suffix.lower() in VIDEOS:
-        _refuse_topics(path, request)
-        return video_images(path, request.camera_info, request.rate)
-    return _open_recording(path, request)
+    fits: Callable[[Path], bool]
+    open: Callable[[Path, SourceRequest], ImageStream]
+
+
+def open_images(path: Path, request: SourceRequest) -> ImageStream:
+    """Open any source of images; raises RecordingError, RequestError or CameraError."""
+    return next(kind for kind in SOURCES if kind.fits(path)).open(path, request)
 
 
 def _is_folder(path: Path) -> bool:
@@ -62,6 +61,20 @@ def _is_folder(path: Path) -> bool:
         and not (path / METADATA).exists()
         and not any(map(is_recording, path.iterdir()))
     )
+
+
+def _is_video(path: Path) -> bool:
+    return path.suffix.lower() in VIDEOS
+
+
+def _open_folder(path: Path, request: SourceRequest) -> ImageStream:
+    _refuse_topics(path, request)
+    return folder_images(path, request.camera_info, request.rate, colored=request.colored)
+
+
+def _open_video(path: Path, request: SourceRequest) -> ImageStream:
+    _refuse_topics(path, request)
+    return video_images(path, request.camera_info, request.rate)
 
 
 def _refuse_topics(path: Path, request: SourceRequest) -> None:
@@ -155,3 +168,11 @@ def _recorded_items(
             if isinstance(reading, Lens):
                 same, lens = raw[BEHIND_STAMP:], reading
         yield StreamItem(log_time_ns, name, reading, raw)
+
+
+# The first that fits opens a path; what is neither a folder of images nor a video is a recording.
+SOURCES = (
+    SourceKind(fits=_is_folder, open=_open_folder),
+    SourceKind(fits=_is_video, open=_open_video),
+    SourceKind(fits=lambda path: True, open=_open_recording),
+)

@@ -128,3 +128,13 @@ def test_what_the_tour_names_is_there():
     for file, name in named:
         text = (ROOT / 'pneunet_ros' / file).read_text()
         assert re.search(rf'^ *(def|class) {name}\b', text, re.M), f'{file}: {name}'
+
+
+def test_every_table_that_an_extension_adds_a_line_to_is_there():
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`([A-Z][A-Z_]{3,})`', text))
+    assert {'SENSORS', 'SOURCES', 'VERBS'} <= named
+    files = (ROOT / 'pneunet_ros').rglob('*.py')
+    package = '\n'.join(path.read_text(encoding='utf-8') for path in files)
+    made = set(re.findall(r'^([A-Z][A-Z_]{3,})\b[^=\n]*= ', package, re.M))
+    assert named <= made
