@@ -381,7 +381,13 @@ BASE_IMU = Sensor(
 )
 # The end load of a string whose tension is known: no sensor has read it, and none is taken for it.
 STRING_WRENCH = replace(END_WRENCH, name='string_wrench', label='pull of the string')
-SENSORS: tuple[Sensor[Any], ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE, BASE_IMU)
+SENSORS: tuple[Sensor[Any], ...] = (
+    PRESSURE,
+    END_WRENCH,
+    TARGETS,
+    TIP_POSE,
+    BASE_IMU,
+)  # fmt: skip
 FIXED_FRAMES, FRAMES = (
     Input(
         name=name,

@@ -27,8 +27,12 @@ FIGURES: Figures[FigureData] = {
         sensitivity,
         linearity,
     ),
-    'residuals': (draw_residuals_by_frame, draw_residuals_by_target, law_comparison),
-}
+    'residuals': (
+        draw_residuals_by_frame,
+        draw_residuals_by_target,
+        law_comparison,
+    ),
+}  # fmt: skip
 
 
 def calibration_figures(calibration: Calibration, on_progress: OnProgress) -> Pictures:
