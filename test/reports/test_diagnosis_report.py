@@ -28,7 +28,7 @@ from pneunet_ros.reports.diagnosis.first_screen import (
     evidence_bars,
     missing_sentence,
 )
-from pneunet_ros.reports.diagnosis.localization_figures import maps
+from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
 from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
 from pneunet_ros.reports.diagnosis.report import Given, report_page
 from pneunet_ros.reports.diagnosis.tables import (
@@ -286,7 +286,7 @@ def test_without_held_out_recordings_it_is_said(coarse):
 
 def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     found, training, held_out = diagnosis()
-    monkeypatch.setitem(FIGURES, 'where', (maps,))
+    monkeypatch.setitem(FIGURES, 'where', (maps, shares))
     nothing = replace(
         found, answer='none', effects=(), alternatives=(), after=found.before, evidence=(),
         heat_maps=(), cosines={}, shift={}, closed=None, proposal='', notes=(),
@@ -294,10 +294,10 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     data = FigureData(diagnosis=nothing, training=training, held_out=held_out)
     pictures = draw_figures(FIGURES, data, lambda *_: None)
     names = [item.name for of_part in pictures.values() for item in of_part]
-    assert names == ['01_errors', '02_model_error']
+    assert names == ['01_errors', '02_model_error', '05_shares']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'model_discovered' not in text
-    assert Page(text).tags.count('img') == 2
+    assert Page(text).tags.count('img') == 3
 
 
 def test_commands_have_the_names_that_were_given():

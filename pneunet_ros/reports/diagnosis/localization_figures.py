@@ -1,16 +1,20 @@
-"""Maps of the misfit over arclength and operating conditions."""
+"""Maps of the misfit over arclength and operating conditions, and its shares."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, TwoSlopeNorm
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.result import Axis, HeatMap
+from pneunet_ros.diagnosis.result import AXES, Axis, HeatMap, Share
+from pneunet_ros.diagnosis.settings import LOCALIZATION
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture
-from pneunet_ros.reports.style import panels
+from pneunet_ros.reports.style import FIRST, legend, panels, same_height
 
 ALONE = 0.1  # s / l, width of the cell of a single target
 HIGHEST = 8.0  # times the noise: more is drawn alike
@@ -87,3 +91,55 @@ def borders(places: Array) -> Array:
     middle = 0.5 * (places[1:] + places[:-1])
     first, last = 2.0 * places[0] - middle[0], 2.0 * places[-1] - middle[-1]
     return np.concatenate([[max(first, 0.0)], middle, [min(last, 1.0)]])
+
+
+def shares(data: FigureData) -> Picture | None:
+    """Draw the shares of the misfit over every axis."""
+    where, p_value = data.diagnosis.where, LOCALIZATION.significant
+    shown = [axis for axis in AXES if any(item.axis == axis for item in where)]
+    if not shown:
+        return None
+    figure, axes = panels(len(shown), height=3.2)
+    for panel, axis in zip(axes, shown, strict=True):
+        draw_shares(panel, axis, [item for item in where if item.axis == axis], p_value)
+    axes[0].set_ylabel('share of the misfit (%)')
+    legend(axes[0], loc='best')
+    same_height(axes, low=0.0)
+    return Picture(
+        '05_shares',
+        'Which share of the misfit lies where',
+        'Misfit of the previous model, split along each axis. Blue bars exceed noise (p-value '
+        f'below {p_value:g}), grey bars do not. Dashed outlines: the share of all observations '
+        'that lies there; if bars and outlines agree, the misfit is even. The axis on which they '
+        'differ points to the cause: force to the load-bearing properties, direction or time to '
+        'an effect with memory, pressure alone to the inflation.',
+        figure,
+    )
+
+
+def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float) -> None:
+    """Draw the shares of one axis as bars, significant ones (below p_value) in blue."""
+    label, scale = WORDS[axis]
+    heights = [100.0 * item.share for item in shares]
+    seen = [100.0 * item.seen for item in shares]
+    outline: dict[str, Any] = {
+        'fill': False,
+        'edgecolor': '0.25',
+        'linewidth': 1.0,
+        'linestyle': (0, (3, 2)),
+    }
+    colors = [FIRST if item.p_value < p_value else '#b5b5b5' for item in shares]
+    if axis == 'direction':
+        places = np.arange(len(shares))
+        signs = {-1: 'falling', 0: 'held', 1: 'rising'}
+        names = [signs[int(np.sign(item.start))] for item in shares]
+        axes.bar(places, heights, 0.6, color=colors)
+        axes.bar(places, seen, 0.6, label='of the observations', **outline)
+        axes.set_xticks(places, names)
+    else:
+        left = scale * np.array([item.start for item in shares])
+        width = scale * np.array([item.stop for item in shares]) - left
+        axes.bar(left, heights, width, align='edge', color=colors, edgecolor='white')
+        axes.bar(left, seen, width, align='edge', label='of the observations', **outline)
+    axes.grid(visible=False, axis='x')
+    axes.set(xlabel=label)
