@@ -13,15 +13,15 @@ import numpy as np
 from pneunet_ros.calibration.checks.nonuniformity import departure_prior
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import HYPERPARAMETERS, RESOLUTION, ResolutionSettings
+from pneunet_ros.calibration.settings import HYPERPARAMETERS, ResolutionSettings
 from pneunet_ros.core.arrays import Array
 
 
 def most_likely_parameters(
     first: Fit,
     tried: Iterable[Parameters],
-    settings: ResolutionSettings = RESOLUTION,
-    length_scales: Sequence[float] = HYPERPARAMETERS.length_scales,
+    settings: ResolutionSettings,
+    length_scales: Sequence[float],
 ) -> Parameters:
     """Return the parameters with the largest evidence among those tried.
 

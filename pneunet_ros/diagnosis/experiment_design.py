@@ -40,12 +40,13 @@ class Experiment:
         force: float,
         stamp_ns: int,
         targets: int,
-        frames: int = EXPERIMENT_DESIGN.frames,
+        frames: int | None = None,
     ) -> RecordingData:
         """Return the recording from a stamp on, with targets at zero; force (N): the largest."""
         corners = np.array(self.corners, dtype=np.float64)
         time = np.arange(0.0, corners[-1, 0], 1.0 / EXPERIMENT_DESIGN.rate)
         share, f1, f2 = (np.interp(time, corners[:, 0], corners[:, i]) for i in (1, 2, 3))
+        frames = frames or EXPERIMENT_DESIGN.frames
         low, high = pressure_range
         reading = np.linspace(0, time.size - 1, frames).astype(np.int64)
         loads = np.column_stack([f1, f2])
@@ -142,7 +143,7 @@ def informations(
     candidates: Sequence[Candidate],
     pressure_range: tuple[float, float],
     force: float,
-    frames: int = EXPERIMENT_DESIGN.frames,
+    frames: int | None = None,
 ) -> tuple[Array, list[Array]] | None:
     """Return the information (n, n) of effects, with all nuisance parameters fitted jointly.
 
@@ -184,7 +185,7 @@ def linearize_experiments(
     experiments: Sequence[Experiment],
     pressure_range: tuple[float, float],
     force: float,
-    frames: int = EXPERIMENT_DESIGN.frames,
+    frames: int | None = None,
 ) -> Linearization | None:
     """Linearize the training runs and each candidate experiment at a refit.
 

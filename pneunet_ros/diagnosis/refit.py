@@ -268,14 +268,14 @@ def refit(
     linearization: Linearization,
     hypotheses: Sequence[Hypothesis],
     numbers: Array,
-    rounds: int = REFIT.rounds,
+    rounds: int | None = None,
 ) -> Refit | None:
     """Fit jointly with a limited number of relinearizations; None if there is no solution."""
     first = JointFit(linearization, hypotheses).fit(numbers)
     return None if first is None else settle(first, rounds)
 
 
-def settle(fit: Refit, rounds: int = REFIT.rounds) -> Refit:
+def settle(fit: Refit, rounds: int | None = None) -> Refit:
     """Relinearize and fit until nothing changes, a limited number of times.
 
     The effect of reading errors is that of the linearized model, so a search may alternate between
@@ -285,7 +285,7 @@ def settle(fit: Refit, rounds: int = REFIT.rounds) -> Refit:
     initial model had larger errors.
     """
     around, best = fit, None
-    for _ in range(rounds):
+    for _ in range(REFIT.rounds if rounds is None else rounds):
         if fit.settled:
             break
         try:
