@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import reduce
 from itertools import groupby
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -171,24 +171,24 @@ class PerturbationTable:
 
         further: columns in addition to those of the covariance: change of each quantity per unit.
         """
-        self.arm = arm
+        self.arm: Final = arm
         known = () if arm.covariance is None else arm.covariance.columns()
         pairs = [neighbors(arm, column) for column in (*known, *further)]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         by_cause = [[arm, *befores], [arm, *afters]]
-        self.neighbors = (*befores, *afters)
-        self.sides = (*by_cause[0], *by_cause[1])
-        self.same_places = all(
+        self.neighbors: Final = (*befores, *afters)
+        self.sides: Final = (*by_cause[0], *by_cause[1])
+        self.same_places: Final = all(
             side.reach == arm.reach and np.array_equal(side.knots, arm.knots)
             for side in self.sides
         )
-        self.distance = np.array([2.0 * pressure_step(arm), *(pair[2] for pair in pairs)])
-        self.length = np.array([[item.reach for item in side] for side in by_cause])
-        self.knots = np.array([[item.knots for item in side] for side in by_cause])
+        self.distance: Final = np.array([2.0 * pressure_step(arm), *(pair[2] for pair in pairs)])
+        self.length: Final = np.array([[item.reach for item in side] for side in by_cause])
+        self.knots: Final = np.array([[item.knots for item in side] for side in by_cause])
         rows = reduce(np.union1d, (side.table.pressure for side in self.sides), arm.table.pressure)
         clamp = np.zeros((len(self.sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
-        self.changing = tuple(
+        self.changing: Final = tuple(
             place for place, item in enumerate(terms) if added_at_each_call(item)
         )
         sections, rotation = zip(
@@ -199,22 +199,22 @@ class PerturbationTable:
             strict=True,
         )
         own = constant_records(arm, arm.table.pressure, self.changing, clamp[:1].copy())
-        self.table = RodTable(
+        self.table: Final = RodTable(
             pressure=freeze(rows),  # kernels are compiled again for what may be written
             sections=freeze(np.concatenate(sections, axis=1)),
             rotation=freeze(np.concatenate(rotation, axis=1)),
         )
-        self.own = RodTable(
+        self.own: Final = RodTable(
             pressure=arm.table.pressure, sections=freeze(own[0]), rotation=freeze(own[1])
         )
-        self.clamp = freeze(clamp)
-        self.row_rotation = np.array(
+        self.clamp: Final = freeze(clamp)
+        self.row_rotation: Final = np.array(
             [
                 side.on_knots(over_meters(side.intrinsic_curvature.rotation, side.length))
                 for side in self.sides
             ]
         )
-        self.alike = group_equal_terms(self.sides, self.changing)
+        self.alike: Final = group_equal_terms(self.sides, self.changing)
 
     def at(
         self, pressure: float, history: tuple[History, ...] | None = None, load: Load | None = None
