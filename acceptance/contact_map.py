@@ -80,7 +80,7 @@ def posterior(
             moment=0.0,
             moment_std=0.0,
             by_column=np.zeros(unknowns.law_columns),
-            late=np.zeros(len(fusion.model.discrepancy.lag_times) + 1),
+            lag_offsets=np.zeros(len(fusion.model.discrepancy.lag_times) + 1),
         ),
         sightings=TargetSightings(
             stamp_ns=0, x=np.zeros(count), y=np.zeros(count), **dict.fromkeys(names, nothing)

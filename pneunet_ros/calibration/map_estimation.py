@@ -124,7 +124,7 @@ class Posterior:
         for which, inputs in enumerate(inputs_of(arm, self.runs)):
             own = disturbance[self.prior.disturbances.of_run(which)]
             every = np.arange(len(inputs.pressure))
-            self.models[which].at_solutions(self.linearized[which], every)
+            self.models[which].start_from(self.linearized[which], every)
             white = around.runs[which].residual_of(self.models[which], arm, inputs, own)
             cost += 0.5 * float(np.sum(white**2))
         return cost

@@ -38,7 +38,7 @@ def run_fusion(arguments: Namespace) -> int:
     sensors = replace(fusion.sensors, wrench_required=wrench)
     verdicts = judge(arguments, recording, arm, sensors, overrides)
     # A wrong force sensor is left out by the fusion itself.
-    if PRESSURE.name in verdicts.doubted or verdicts.strangeness:
+    if PRESSURE.name in verdicts.doubted or verdicts.model_mismatch:
         return refuse_readings(arguments, verdicts)
     tally = FusionTally()
     begun = time.perf_counter()

@@ -43,7 +43,7 @@ def refuse_readings(arguments: Namespace, verdicts: Verdicts) -> int:
     In that case, nothing is estimated or written.
     """
     path = arguments.recording
-    sentence = f'{path}: {verdicts.strangeness}'
+    sentence = f'{path}: {verdicts.model_mismatch}'
     if verdicts.doubted:
         sentence = (
             f'{path}: {verdicts.findings}. Type: pneunet {arguments.verb} {path} '

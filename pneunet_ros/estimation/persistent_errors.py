@@ -293,7 +293,7 @@ def linear_problem(
     std = np.tile(np.maximum(white, SMALLEST_STD), (1, 2))
     errors = np.array([frame.predicted.errors for frame in kept])
     errors = errors.reshape(count, -1, size).transpose(0, 2, 1)
-    last = kept[0].predicted.own
+    last = kept[0].predicted.frame_error_count
     columns = errors[:, :, READINGS:-last]
     theta = np.array([frame.predicted.theta for frame in kept])
     placing = paint(theta, np.zeros(targets), np.zeros((2, targets))).jacobian()

@@ -60,7 +60,7 @@ def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
 def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
     """Switch a contact on, with any force, anywhere on the arm."""
     mean, where = belief.mean.copy(), unknowns.at(Push)
-    mean[where], std = unknowns.block(Push).anywhere
+    mean[where], std = unknowns.block(Push).touching_prior
     more = np.zeros((mean.size, 2))
     more[where] = np.diag(std)
     root = freeze(np.hstack([belief.root, more]))

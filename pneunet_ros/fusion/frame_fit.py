@@ -432,7 +432,7 @@ class FrameProblem:
             small=self.settings.small_gain,
             most_steps=MOST_STEPS,
             most_halvings=MOST_HALVINGS,
-            foresee=True,
+            predict_end=True,
         )
         return self.last_step(found.last) if found.end is End.CONVERGED else found.last
 

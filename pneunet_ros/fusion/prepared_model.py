@@ -149,7 +149,7 @@ class PreparedModel:
             moment=0.0 if wrench is None else wrench.reading.moment,
             moment_std=std,
             by_column=by_column,
-            late=np.array(instant.memory) - instant.chamber,
+            lag_offsets=np.array(instant.memory) - instant.chamber,
             gravity=instant.gravity,
         )
 

@@ -53,11 +53,11 @@ def estimate_walk(taken: TakenFrame) -> Walk:
     walk, fit = taken.problem.prior.walk, taken.update.fit
     information = None if fit is None else fit[0].walk_information(fit[1])
     if information is None or not taken.before.frames:
-        return replace(walk, taken=0.0)
+        return replace(walk, most_likely=0.0)
     seconds = seconds_between(taken.before.stamp_ns, taken.frame.stamp_ns)
     force = taken.problem.unknowns.block(TipForce)
     after = force.estimate_walk(walk, *information, seconds, taken.before.frames)
-    return replace(after, taken=walk.recent)
+    return replace(after, most_likely=walk.recent)
 
 
 def with_estimated_walk(model: PreparedModel, taken: TakenFrame) -> Belief:

@@ -196,11 +196,11 @@ class RecordingData:
         """
         if self.static:
             return self
-        late = round(delay * NANOSECONDS_PER_SECOND)
-        shown = self.instants - late
+        delay_ns = round(delay * NANOSECONDS_PER_SECOND)
+        shown = self.instants - delay_ns
         stamps, load = np.union1d(self.reading_stamp_ns, shown), self.load
         if not self.load_known:
-            load = load + self.load_changes(late)
+            load = load + self.load_changes(delay_ns)
         return replace(
             self,
             reading_stamp_ns=stamps,
@@ -220,20 +220,21 @@ class RecordingData:
         columns = self.gravity_read.T
         return np.column_stack([interpolate(shown, self.gravity_stamp_ns, one) for one in columns])
 
-    def load_changes(self, late: int) -> Array:
+    def load_changes(self, delay_ns: int) -> Array:
         """Return the change of the load (frames, 3) from its reading to the frame.
 
-        late (ns): delay of the stamp of a frame.
+        delay_ns: delay of the stamp of a frame.
         """
-        stamps, values, own = self.instants, self.load, self.instants
-        shown = own
+        stamps, values, reading_stamps = self.instants, self.load, self.instants
+        shown = reading_stamps
         if self.wrench_stamp_ns is not None and self.wrench is not None:
             stamps, values = self.wrench_stamp_ns, self.wrench
             nearest, _ = match_stamps(self.stamp_ns, stamps, 0.0)
-            own, shown = stamps[nearest], instants_among(self.stamp_ns, stamps)
+            reading_stamps, shown = stamps[nearest], instants_among(self.stamp_ns, stamps)
         return np.column_stack(
             [
-                interpolate(shown - late, stamps, part) - interpolate(own, stamps, part)
+                interpolate(shown - delay_ns, stamps, part)
+                - interpolate(reading_stamps, stamps, part)
                 for part in values.T
             ]
         )
@@ -300,16 +301,18 @@ def thinned_by_course(run: RecordingData, most: int) -> RecordingData:
     Half of the spacing is by time, half by the changes of pressure and load: if these change in
     only a tenth of the frames, half of the chosen frames are from that tenth.
     """
-    ways = [
+    changes = [
         np.abs(np.diff(values)) / np.ptp(values)
         for values in (run.frame_pressure, *run.load.T)
         if np.ptp(values) > 0.0
     ]
-    if run.static or not ways:
+    if run.static or not changes:
         return run.thin(most)
-    apart = np.diff(run.stamp_ns).astype(np.float64)
-    way = np.cumsum([0.0, *(np.sum(ways, axis=0) / np.sum(ways) + apart / apart.sum())])
-    return run.subset(np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], most))))
+    intervals = np.diff(run.stamp_ns).astype(np.float64)
+    course = np.cumsum(
+        [0.0, *(np.sum(changes, axis=0) / np.sum(changes) + intervals / intervals.sum())]
+    )
+    return run.subset(np.unique(np.searchsorted(course, np.linspace(0.0, course[-1], most))))
 
 
 def frame_instants(
@@ -324,13 +327,13 @@ def frame_instants(
     `reading` (frames,), because its stamps have jitter of their own; for any other camera they are
     its stamps.
     """
-    own = reading_stamp_ns[reading]
+    reading_times = reading_stamp_ns[reading]
     if len(reading_stamp_ns) < 2:
-        return own
+        return reading_times
     period = float(np.median(np.diff(reading_stamp_ns)))
-    apart = float(np.quantile(np.abs(stamp_ns - own), settings.share))
-    if apart <= settings.same_instant * period:
-        return own
+    offset = float(np.quantile(np.abs(stamp_ns - reading_times), settings.share))
+    if offset <= settings.same_instant * period:
+        return reading_times
     return stamp_ns
 
 
@@ -355,9 +358,9 @@ def frames_in_jumps(
     jumped = changes > settings.neighbors * neighbors_change
     jumped &= changes > max(settings.noise * noise, settings.span * float(np.ptp(pressure)))
     after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
-    apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)
-    share = (shown - stamp_ns[after - 1]) / apart
-    between = np.minimum(share, 1.0 - share) > settings.certain
+    interval = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)
+    fraction = (shown - stamp_ns[after - 1]) / interval
+    between = np.minimum(fraction, 1.0 - fraction) > settings.certain
     return np.asarray(jumped[after - 1] & between)
 
 

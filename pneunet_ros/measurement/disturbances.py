@@ -52,14 +52,14 @@ class Disturbances:
         prior = np.zeros((size, size))
         prior[: 2 * self.targets, : 2 * self.targets] = placement_prior(self.noise, self.arclength)
         for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
-            own = slice(start, start + OF_RUN)
-            prior[own, own] = self.prior_of_run(run)
+            unknowns = slice(start, start + OF_RUN)
+            prior[unknowns, unknowns] = self.prior_of_run(run)
         origin = np.zeros(size)
-        across = origin_std(self.noise, self.arclength) * np.array(
+        offset = origin_std(self.noise, self.arclength) * np.array(
             [-np.sin(self.clamp_angle), np.cos(self.clamp_angle)]
         )
         for start in range(2 * self.targets, size, OF_RUN):
-            origin[start : start + 2 * PATH_NODES] = np.repeat(across, PATH_NODES)
+            origin[start : start + 2 * PATH_NODES] = np.repeat(offset, PATH_NODES)
         prior += np.outer(origin, origin)
         object.__setattr__(self, 'prior', frozen_array(prior))
 
@@ -69,11 +69,13 @@ class Disturbances:
         It is the common part of the images of all runs; smaller with fewer runs.
         """
         paths = disturbance[2 * self.targets :].reshape(len(self.runs), OF_RUN)
-        own = paths[:, : 2 * PATH_NODES].reshape(len(self.runs), 2, PATH_NODES).mean(axis=(0, 2))
+        mean_shift = (
+            paths[:, : 2 * PATH_NODES].reshape(len(self.runs), 2, PATH_NODES).mean(axis=(0, 2))
+        )
         normal = np.array([-np.sin(self.clamp_angle), np.cos(self.clamp_angle)])
         common = origin_std(self.noise, self.arclength) ** 2
-        each = max(self.noise.registration_std, SMALLEST_STD) ** 2 / len(self.runs)
-        return np.asarray(common / (common + each) * float(own @ normal) * normal)
+        separate = max(self.noise.registration_std, SMALLEST_STD) ** 2 / len(self.runs)
+        return np.asarray(common / (common + separate) * float(mean_shift @ normal) * normal)
 
     def prior_of_run(self, run: RecordingData) -> Array:
         """Return the prior covariance (OF_RUN, OF_RUN) of the unknowns of one run."""
@@ -87,8 +89,8 @@ class Disturbances:
 
         If an effect is missing, the origin found without it is wrong as well.
         """
-        own = self.of_run(which)[2 * self.targets :]
-        return np.asarray(np.linalg.cholesky(self.prior[np.ix_(own, own)]))
+        unknowns = self.of_run(which)[2 * self.targets :]
+        return np.asarray(np.linalg.cholesky(self.prior[np.ix_(unknowns, unknowns)]))
 
     @property
     def targets(self) -> int:
@@ -98,8 +100,8 @@ class Disturbances:
     def of_run(self, which: int) -> Array:
         """Return the indices of the unknowns of a run, (n,) int."""
         start = 2 * self.targets + OF_RUN * which
-        own = np.arange(start, start + OF_RUN)
-        return np.concatenate([np.arange(2 * self.targets), own])
+        unknowns = np.arange(start, start + OF_RUN)
+        return np.concatenate([np.arange(2 * self.targets), unknowns])
 
 
 def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
@@ -108,9 +110,9 @@ def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
     arclength (targets,) m. Along the arm first, then across it: independent errors of each target,
     and an offset of the whole row from the neutral line and an error of its spacing.
     """
-    own, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
+    placement_std, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
     sizes = np.array([noise.row_spacing_std, noise.row_offset_std])
-    return np.asarray(own**2 * np.eye(2 * arclength.size) + (row * sizes**2) @ row.T)
+    return np.asarray(placement_std**2 * np.eye(2 * arclength.size) + (row * sizes**2) @ row.T)
 
 
 def row_shifts(arclength: Array) -> Array:
@@ -130,8 +132,8 @@ def row_shifts(arclength: Array) -> Array:
 
 def origin_std(noise: SensorNoise, arclength: Array) -> float:
     """Return one sigma (m) of the origin across the arm, which may be defined by the row."""
-    _, across = row_shifts(arclength).T
-    return float(noise.row_offset_std * np.max(across, initial=0.0))
+    _, shift = row_shifts(arclength).T
+    return float(noise.row_offset_std * np.max(shift, initial=0.0))
 
 
 def path_prior(noise: SensorNoise) -> Array:
@@ -139,10 +141,10 @@ def path_prior(noise: SensorNoise) -> Array:
 
     The path is a constant position plus a random walk that reaches drift_std at the end.
     """
-    share = np.linspace(0.0, 1.0, PATH_NODES)
-    place = max(noise.registration_std, SMALLEST_STD)
-    drift = max(noise.drift_std, SMALLEST_STD)
-    path = place**2 + drift**2 * np.minimum.outer(share, share)
+    fraction = np.linspace(0.0, 1.0, PATH_NODES)
+    position_std = max(noise.registration_std, SMALLEST_STD)
+    drift_std = max(noise.drift_std, SMALLEST_STD)
+    path = position_std**2 + drift_std**2 * np.minimum.outer(fraction, fraction)
     return np.asarray(path + SMALLEST_STD**2 * np.eye(PATH_NODES))
 
 
@@ -183,12 +185,12 @@ def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
     """
     placement = targets.jacobian()
     start = placement.shape[-1]
-    out = np.zeros((*placement.shape[:-1], start + OF_RUN))
-    out[..., :start] = placement
+    jacobian = np.zeros((*placement.shape[:-1], start + OF_RUN))
+    jacobian[..., :start] = placement
     hats, middle = path_weights(run.progress), start + PATH_NODES
-    out[:, 0, :, start:middle] = hats[:, None]
-    out[:, 1, :, middle : middle + PATH_NODES] = hats[:, None]
-    return out
+    jacobian[:, 0, :, start:middle] = hats[:, None]
+    jacobian[:, 1, :, middle : middle + PATH_NODES] = hats[:, None]
+    return jacobian
 
 
 def path_weights(progress: Array) -> Array:
@@ -206,6 +208,6 @@ def tilt_jacobian(points: Array, length: float) -> Array:
     length, along x and along y.
     """
     frames, _, targets = points.shape
-    ways = points / length - np.array([[0.5], [0.0]])
-    moved = [points * ways[:, [axis]] for axis in (0, 1)]
-    return np.stack(moved, axis=-1).reshape(frames, 2 * targets, 2)
+    scale_changes = points / length - np.array([[0.5], [0.0]])
+    displacements = [points * scale_changes[:, [axis]] for axis in (0, 1)]
+    return np.stack(displacements, axis=-1).reshape(frames, 2 * targets, 2)

@@ -181,11 +181,11 @@ class ForwardModel:
                 unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
 
-    def at_solutions(self, of: ForwardModel, frames: npt.NDArray[np.int64]) -> None:
+    def start_from(self, other: ForwardModel, frames: npt.NDArray[np.int64]) -> None:
         """Start from the solutions of another model of these frames, if its mesh is the same."""
-        if np.array_equal(of.counts, self.counts):
-            self.nodes[frames], self.known[frames] = of.nodes, of.known
-            self.heading[frames] = of.heading
+        if np.array_equal(other.counts, self.counts):
+            self.nodes[frames], self.known[frames] = other.nodes, other.known
+            self.heading[frames] = other.heading
 
     def solutions(self) -> FrameSolutions:
         """Return the arrays that the kernels start from and fill, without copying."""
@@ -231,32 +231,36 @@ class ForwardModel:
         """Return `jacobian` for a given rotation (knots, pieces, 5) of the knots."""
         rods = inputs.rods(arm)
         pieces = pieces_of(arm, rods, columns)
-        out = self.single_jacobian(rods, inputs.loads, pieces.columns, rotation)
-        out = pieces.joined(out, LOADS + rotation.shape[0])
+        jacobian = self.single_jacobian(rods, inputs.loads, pieces.columns, rotation)
+        jacobian = pieces.joined(jacobian, LOADS + rotation.shape[0])
         if arm.by_load:
-            out[:, :LOADS] = self.load_differences(arm, inputs)
+            jacobian[:, :LOADS] = self.load_differences(arm, inputs)
         # Stability is defined for positive rigidity alone.
         self.stable |= np.any(rods.sections[:, :, RIGIDITY] < 0.0, axis=1)
         fields = self.fields[:, None]
-        moved = arm.see_moves(fields[:, :, X], fields[:, :, Y], out[:, :, X], out[:, :, Y])
-        out[:, :, X], out[:, :, Y] = moved
-        return out
+        seen = arm.see_moves(
+            fields[:, :, X], fields[:, :, Y], jacobian[:, :, X], jacobian[:, :, Y]
+        )
+        jacobian[:, :, X], jacobian[:, :, Y] = seen
+        return jacobian
 
     def single_jacobian(
         self, rods: Rods, loads: Array, columns: Columns, rotation: Array
     ) -> Array:
         """Return derivatives of true fields by inputs of the records, with turning pushes."""
         pushed = np.flatnonzero(rods.push.any(axis=(0, 1)))
-        own = [[section, column] for column in (LOAD_X, LOAD_Y) for section in pushed.tolist()]
-        every = np.concatenate([columns, np.array(own, dtype=np.int64).reshape(-1, 2)])
+        push_columns = [
+            [section, column] for column in (LOAD_X, LOAD_Y) for section in pushed.tolist()
+        ]
+        every = np.concatenate([columns, np.array(push_columns, dtype=np.int64).reshape(-1, 2)])
         pointed = rods.pointed(self.heading) if pushed.size else rods
         size = np.abs(pointed.sections[:, every[:, 0], every[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
         inputs = LOADS + rotation.shape[0] + len(columns)
-        out = np.empty((len(loads), inputs + len(own), 6, self.stations.size))
-        linearize_frames(pointed, loads, self.solutions(), rotation, every, steps, out)
+        jacobian = np.empty((len(loads), inputs + len(push_columns), 6, self.stations.size))
+        linearize_frames(pointed, loads, self.solutions(), rotation, every, steps, jacobian)
         if not pushed.size:
-            return out[..., np.searchsorted(self.stations, self.arclength)]
+            return jacobian[..., np.searchsorted(self.stations, self.arclength)]
         # Per heading: the line loads of its push turn, (frames, pushes, 2 pushed sections).
         turning = np.concatenate(
             [
@@ -265,13 +269,13 @@ class ForwardModel:
             ],
             axis=2,
         )
-        by_heading = np.einsum('nps,nsfk->npfk', turning, out[:, inputs:])
-        at = np.searchsorted(self.stations, self.push_place)
-        own_turn = np.eye(self.push_place.size) - by_heading[:, :, THETA][:, :, at]
-        direct = out[:, :inputs, THETA][:, :, at]
-        turned = np.linalg.solve(own_turn.transpose(0, 2, 1), direct.transpose(0, 2, 1))
-        out = out[:, :inputs] + np.einsum('npi,npfk->nifk', turned, by_heading)
-        return np.asarray(out[..., np.searchsorted(self.stations, self.arclength)])
+        by_heading = np.einsum('nps,nsfk->npfk', turning, jacobian[:, inputs:])
+        push_stations = np.searchsorted(self.stations, self.push_place)
+        implicit = np.eye(self.push_place.size) - by_heading[:, :, THETA][:, :, push_stations]
+        direct = jacobian[:, :inputs, THETA][:, :, push_stations]
+        turns = np.linalg.solve(implicit.transpose(0, 2, 1), direct.transpose(0, 2, 1))
+        jacobian = jacobian[:, :inputs] + np.einsum('npi,npfk->nifk', turns, by_heading)
+        return np.asarray(jacobian[..., np.searchsorted(self.stations, self.arclength)])
 
     def difference(self, arm: Arm, low: Inputs, high: Inputs) -> Array:
         """Return the displacement of the points and the last heading, (frames, 2 stations + 1).
@@ -283,8 +287,8 @@ class ForwardModel:
         for inputs in (low, high):
             stepped = self.subset(np.arange(len(inputs.loads)))
             solved = stepped.solve(arm, inputs)
-            moved = stepped.points.reshape(len(solved), -1)
-            side = np.column_stack([moved, stepped.fields[:, THETA, -1]])
+            points = stepped.points.reshape(len(solved), -1)
+            side = np.column_stack([points, stepped.fields[:, THETA, -1]])
             sides.append(np.where(solved[:, None], side, np.nan))
         return sides[1] - sides[0]
 
@@ -332,7 +336,7 @@ def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
     )
     every = np.array(places, dtype=np.int64).reshape(-1, 2)
     shares = np.zeros((len(owner), len(columns), len(every)))
-    for place, (section, column) in enumerate(columns.tolist()):
+    for index, (section, column) in enumerate(columns.tolist()):
         for which, (piece, of) in enumerate(places):
             if of != column:
                 continue
@@ -341,7 +345,7 @@ def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
                 share *= first[:, piece]
             elif column == RIGIDITY:
                 share *= rods.sections[:, piece, RIGIDITY] / base[:, section, RIGIDITY]
-            shares[:, place, which] = share
+            shares[:, index, which] = share
     return Pieces(columns=every, shares=shares)
 
 

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from pneunet_ros.core.arrays import Array
 
-NO_STEP = 1e-12  # beyond a bound, that rounding makes
+NO_STEP = 1e-12  # violation of a bound by rounding
 
 Linear = TypeVar('Linear')
 Trial = TypeVar('Trial')
@@ -65,17 +65,17 @@ class Bounds:
         best, best_gain = step, gain
         held = np.zeros(len(self.rows), dtype=bool)
         while True:
-            moved = self.rows @ best
-            beyond = ~held & ((moved < self.low - NO_STEP) | (moved > self.high + NO_STEP))
+            change = self.rows @ best
+            beyond = ~held & ((change < self.low - NO_STEP) | (change > self.high + NO_STEP))
             if not beyond.any():
                 return best, best_gain
             held |= beyond
             rows = self.rows[held]
             free = rows @ step
             excess = free - np.clip(free, self.low[held], self.high[held])
-            along = solved(rows.T)
-            forces = np.linalg.lstsq(rows @ along, excess)[0]
-            best, best_gain = step - along @ forces, gain - 0.5 * float(forces @ excess)
+            response = solved(rows.T)
+            forces = np.linalg.lstsq(rows @ response, excess)[0]
+            best, best_gain = step - response @ forces, gain - 0.5 * float(forces @ excess)
 
 
 def gauss_newton(
@@ -87,25 +87,27 @@ def gauss_newton(
     small: float,
     most_steps: int,
     most_halvings: int,
-    foresee: bool = False,
+    predict_end: bool = False,
     on_step: Callable[[int, Linear], None] = lambda step, last: None,
 ) -> Search[Linear]:
     """Search from a linearization for the lowest cost.
 
     newton_step: returns the full step from a linearization and its gain, in any measure; the
     search ends if the gain is below `small`. lower: returns the end of a step, or None if the cost
-    does not fall enough. relinearize: linearizes there; None if this fails. foresee: end one step
-    earlier if gains fall so fast that the step after the next would gain less than `small`; the
-    caller then takes the next step, which is as good as linear. on_step: called with the number
-    and the start of each step.
+    does not fall enough. relinearize: linearizes there; None if this fails. predict_end: end one
+    step earlier if gains fall so fast that the step after the next would gain less than `small`;
+    the caller then takes the next step, which is as good as linear. on_step: called with the
+    number and the start of each step.
     """
     last, gain = start, float('inf')
     for count in range(1, most_steps + 1):
-        before = gain
+        previous_gain = gain
         step, gain = newton_step(last)
         on_step(count, last)
-        ahead = gain * min(gain / before, 1.0) if foresee and count > 1 else gain
-        if ahead < small:
+        predicted_gain = (
+            gain * min(gain / previous_gain, 1.0) if predict_end and count > 1 else gain
+        )
+        if predicted_gain < small:
             return Search(last=last, steps=count, gain=gain, end=End.CONVERGED)
         shares = (0.5**halvings for halvings in range(most_halvings))
         trials = (lower(last, share * step) for share in shares)

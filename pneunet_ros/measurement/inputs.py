@@ -35,11 +35,11 @@ class Inputs:
 
     def subset(self, frames: npt.NDArray[np.int64]) -> Inputs:
         """Return the inputs of a subset of the frames."""
-        past = self.histories
+        histories = self.histories
         return Inputs(
             pressure=self.pressure[frames],
             loads=self.loads[frames],
-            histories=None if past is None else tuple(one[frames] for one in past),
+            histories=None if histories is None else tuple(one[frames] for one in histories),
             gravity=None if self.gravity is None else self.gravity[frames],
         )
 
@@ -81,27 +81,27 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
     moving = [which for which, run in enumerate(runs) if not run.static]
     order = sorted(moving, key=lambda which: int(runs[which].reading_stamp_ns[0]))
     history: tuple[History, ...] | None = None
-    before = 0
+    previous_ns = 0
     for which in order:
         run = runs[which]
         chamber, histories = np.empty(len(run.pressure)), []
-        for place, (stamp, pressure) in enumerate(
+        for index, (stamp, pressure) in enumerate(
             zip(run.reading_stamp_ns.tolist(), run.pressure.tolist(), strict=True)
         ):
             sensed = arm.sense(Load(pressure=pressure)).pressure
             if history is None:
-                history, before = arm.initial_history(sensed), stamp
-            seconds = max(seconds_since(before, stamp), 0.0)
-            history, chamber[place] = arm.actuate(history, seconds, sensed)
+                history, previous_ns = arm.initial_history(sensed), stamp
+            seconds = max(seconds_since(previous_ns, stamp), 0.0)
+            history, chamber[index] = arm.actuate(history, seconds, sensed)
             histories.append(history)
-            before = stamp
+            previous_ns = stamp
         steady = steady_inputs(arm, run)
         all_inputs[which] = Inputs(
             pressure=chamber[run.reading],
             loads=steady.loads,
             histories=tuple(
-                np.array([histories[reading][place] for reading in run.reading.tolist()])
-                for place in range(len(arm.acting))
+                np.array([histories[reading][index] for reading in run.reading.tolist()])
+                for index in range(len(arm.acting))
             ),
             gravity=steady.gravity,
         )
@@ -111,14 +111,15 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
 def equilibria(arm: Arm, run: RecordingData) -> Inputs:
     """Return the inputs of every frame in a run of steady states."""
     steady = steady_inputs(arm, run)
-    rested = []
+    settled = []
     for pressure in steady.pressure.tolist():
-        rested.append(arm.actuate(arm.initial_history(pressure), 0.0, pressure))
+        settled.append(arm.actuate(arm.initial_history(pressure), 0.0, pressure))
     return replace(
         steady,
-        pressure=np.array([chamber for _, chamber in rested]),
+        pressure=np.array([chamber for _, chamber in settled]),
         histories=tuple(
-            np.array([history[place] for history, _ in rested]) for place in range(len(arm.acting))
+            np.array([history[index] for history, _ in settled])
+            for index in range(len(arm.acting))
         ),
     )
 

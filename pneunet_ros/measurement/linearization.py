@@ -110,10 +110,12 @@ class RunLinearization:
     white_residual: Array
     whitening: Whitening
 
-    def residual_of(self, model: ForwardModel, arm: Arm, inputs: Inputs, moved: Array) -> Array:
+    def residual_of(
+        self, model: ForwardModel, arm: Arm, inputs: Inputs, disturbance: Array
+    ) -> Array:
         """Return the whitened residual of another arm and disturbance (n,), around this point."""
         inputs = inputs.with_loads(inputs.loads + self.load_error)
-        other, _ = predict(model, arm, self.fitted.run, inputs, moved)
+        other, _ = predict(model, arm, self.fitted.run, inputs, disturbance)
         return other.whiten_residual(self.whitening, self.tangent)
 
 
@@ -141,12 +143,12 @@ def predict(
     return fitted.counting(solved), targets
 
 
-def moved_as_painted(fields: Array, targets: PaintedTargets) -> Array:
+def at_painted_targets(fields: Array, targets: PaintedTargets) -> Array:
     """Return derivatives of fields (frames, inputs, 6, targets) at painted targets."""
     theta, curvature = fields[:, :, THETA], fields[:, :, CURVATURE]
-    moved = targets.by_theta[:, None] * theta + targets.by_curvature[:, None] * curvature
-    fields[:, :, X] += moved.real
-    fields[:, :, Y] += moved.imag
+    displacement = targets.by_theta[:, None] * theta + targets.by_curvature[:, None] * curvature
+    fields[:, :, X] += displacement.real
+    fields[:, :, Y] += displacement.imag
     return fields
 
 
@@ -174,15 +176,15 @@ def linearize(
     arm = parameters.arm(values)
     fitted, targets = predict(model, arm, run, inputs, disturbance)
     load_error = probable_load_errors(model, arm, run, inputs, fitted.disturbance, noise)
-    there = fitted
+    probable = fitted
     if load_error.any():
         inputs = inputs.with_loads(inputs.loads + load_error)
-        there, targets = predict(model, arm, run, inputs, disturbance)
-        solved = fitted.solved & there.solved
-        fitted, there = fitted.counting(solved), there.counting(solved)
+        probable, targets = predict(model, arm, run, inputs, disturbance)
+        solved = fitted.solved & probable.solved
+        fitted, probable = fitted.counting(solved), probable.counting(solved)
     inputs = acting_inputs(run, inputs, disturbance)
     fields = model.jacobian(arm, inputs, parameters.columns)
-    by_input = as_points(moved_as_painted(fields, targets))
+    by_input = as_points(at_painted_targets(fields, targets))
     moving = disturbance_jacobian(run, targets).reshape(*by_input.shape[:2], -1)
     std: float | Array = noise.target_std
     if run.heading is not None:  # the camera's place does not turn it
@@ -193,12 +195,12 @@ def linearize(
         moving[:, :, -LOADS:] = by_input[:, :, :LOADS]
     errors = reading_errors(noise, model, arm, run, inputs, by_input)
     tangent = np.matmul(by_input[:, :, :LOADS], load_error[:, :, None])[:, :, 0]
-    whitening = Whitening(std, errors, there.counted)
+    whitening = Whitening(std, errors, probable.counted)
     jacobian = parameter_jacobian(parameters, values, by_input, inputs)
-    white = there.whiten_residual(whitening, tangent)
+    white = probable.whiten_residual(whitening, tangent)
     return RunLinearization(
         fitted=replace(fitted, whitened=np.sum(white**2, axis=1)),
-        fields=there.fields,
+        fields=probable.fields,
         load_error=load_error,
         tangent=tangent,
         jacobian=np.concatenate([jacobian, moving], axis=2),

@@ -43,10 +43,10 @@ class PaintedTargets:
         The placements along the arm come first, then those across it.
         """
         which = np.arange(self.by_along.shape[-1])
-        out = np.zeros((*self.by_along.shape[:-1], 2, which.size, 2 * which.size))
-        out[..., which, which] = in_plane(self.by_along)
-        out[..., which, which.size + which] = in_plane(self.by_across)
-        return out
+        jacobian = np.zeros((*self.by_along.shape[:-1], 2, which.size, 2 * which.size))
+        jacobian[..., which, which] = in_plane(self.by_along)
+        jacobian[..., which, which.size + which] = in_plane(self.by_across)
+        return jacobian
 
 
 def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
@@ -80,8 +80,8 @@ def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex
     theta (rad), curvature (1/m): of the arm at the nominal positions. The points lie on its arc,
     not on its tangent.
     """
-    turned = curvature * along
-    return along * np.exp(1j * (theta + 0.5 * turned)), np.exp(1j * (theta + turned))
+    turn = curvature * along
+    return along * np.exp(1j * (theta + 0.5 * turn)), np.exp(1j * (theta + turn))
 
 
 def in_plane(points: Complex) -> Array:

@@ -26,11 +26,11 @@ class PredictedTargets:
 
     errors (sources, 2, targets) m: effect of one sigma of each independent error of reading or
     model on all targets: F1, F2, M, the pressure and the columns of the model's covariance; the
-    last `own` belong to this frame only: second-order errors, then motion. They exclude the
-    position of the camera and the noise of the targets. by_load (3, 2, targets): derivatives by
-    F1, F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): arclength relative to that of
-    the last target. placed (2, targets) m: misplacement of each target, as calibrated, and
-    placed_std (targets,) m its standard deviation.
+    last `frame_error_count` belong to this frame only: second-order errors, then motion. They
+    exclude the position of the camera and the noise of the targets. by_load (3, 2, targets):
+    derivatives by F1, F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): arclength
+    relative to that of the last target. placed (2, targets) m: misplacement of each target, as
+    calibrated, and placed_std (targets,) m its standard deviation.
     """
 
     x: Array
@@ -41,7 +41,7 @@ class PredictedTargets:
     share: Array
     placed: Array
     placed_std: Array
-    own: int = 1
+    frame_error_count: int = 1
 
     def moved(self, x: Array, y: Array, errors: Array) -> PredictedTargets:
         """Return the targets moved by x, y (targets,) m, with further errors (n, 2, targets) m."""
@@ -50,7 +50,7 @@ class PredictedTargets:
             x=self.x + x,
             y=self.y + y,
             errors=np.concatenate([self.errors, errors]),
-            own=self.own + len(errors),
+            frame_error_count=self.frame_error_count + len(errors),
         )
 
 
@@ -64,11 +64,11 @@ def predict_targets(
     """
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y, theta, curvature = sensitivity.fields(arm.target_arclength)[:4]
-    moved = curved.stations(arm.target_arclength)[:2]
+    second_order = curved.stations(arm.target_arclength)[:2]
     jacobian = target_jacobian(table, sensitivity)[:, :2]
     linear = (noise @ jacobian.reshape(len(jacobian), -1)).reshape(-1, *jacobian.shape[1:])
-    further = np.stack(arm.see_moves(true_x, true_y, *moved))
-    errors = np.concatenate([linear, further[None]])
+    curved_errors = np.stack(arm.see_moves(true_x, true_y, *second_order))
+    errors = np.concatenate([linear, curved_errors[None]])
     x, y = arm.see(true_x, true_y)
     share = arm.target_arclength / max(float(arm.target_arclength[-1]), 1e-12)
     placed, placed_std = target_displacement(arm, theta, curvature)
@@ -98,8 +98,8 @@ def target_displacement(arm: Arm, theta: Array, curvature: Array) -> tuple[Array
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:
-        nothing = np.zeros((*theta.shape[:-1], 2, theta.shape[-1]))
-        return nothing, np.full(theta.shape[-1], arm.sensors.placement_std)
+        zero = np.zeros((*theta.shape[:-1], 2, theta.shape[-1]))
+        return zero, np.full(theta.shape[-1], arm.sensors.placement_std)
     displacement = painted_at(theta, curvature, known.mean.reshape(2, -1))
     std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
     return in_plane(displacement) + known.origin[:, None], std
@@ -129,9 +129,9 @@ def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
 
     For each target these are x, y (m), the heading (rad) and curvature (1/m) of the arm there.
     """
-    moved = sensitivity.stations(arm.target_arclength)[:, :4]
+    moves = sensitivity.stations(arm.target_arclength)[:, :4]
     if arm.seeing:
         true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
-        seen = arm.see_moves(true_x, true_y, moved[:, 0], moved[:, 1])
-        moved[:, 0], moved[:, 1] = seen
-    return moved
+        seen = arm.see_moves(true_x, true_y, moves[:, 0], moves[:, 1])
+        moves[:, 0], moves[:, 1] = seen
+    return moves

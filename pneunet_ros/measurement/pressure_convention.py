@@ -11,7 +11,7 @@ GAUGE, ABSOLUTE = 'gauge', 'absolute'
 
 def pressure_unit(size: float) -> str:
     """Return the name of the unit of this size (Pa)."""
-    return next(name for name, own in PRESSURE_UNITS.items() if own == size)
+    return next(name for name, unit_size in PRESSURE_UNITS.items() if unit_size == size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -147,19 +147,19 @@ class PressureRecord:
 
     def after(self, stamp_ns: int, reading: float) -> PressureRecord:
         """Return the record with one more finite reading."""
-        around = (*self.last, reading)
-        middle = sorted(around)[len(around) // 2]
+        recent = (*self.last, reading)
+        median = sorted(recent)[len(recent) // 2]
         started = self.count > 1  # with two readings the median is one of them
         step = reading - self.last[-1] if self.last else 0.0
-        second = around[2] - 2.0 * around[1] + around[0] if len(around) == 3 else 0.0
+        second = recent[2] - 2.0 * recent[1] + recent[0] if len(recent) == 3 else 0.0
         curved = second != 0.0
         return PressureRecord(
             count=self.count + 1,
             first_ns=self.first_ns if self.count else stamp_ns,
             last_ns=stamp_ns,
-            low=min(self.low, middle) if started else min(around),
-            high=max(self.high, middle) if started else max(around),
-            last=around[-2:],
+            low=min(self.low, median) if started else min(recent),
+            high=max(self.high, median) if started else max(recent),
+            last=recent[-2:],
             steps=self.steps + step * step,
             curved=self.curved + curved,
             log_curved=self.log_curved + (math.log(abs(second)) if curved else 0.0),
@@ -186,8 +186,8 @@ class PressureRecord:
         """
         if not self.last:
             return False
-        away = (self.last[-1] - self.low) / (self.high - self.low or 1.0)
-        return away < 0.25 if abs(self.high) > abs(self.low) else away > 0.75
+        fraction = (self.last[-1] - self.low) / (self.high - self.low or 1.0)
+        return fraction < 0.25 if abs(self.high) > abs(self.low) else fraction > 0.75
 
     @property
     def whiteness(self) -> float:
@@ -250,28 +250,31 @@ def expected_without_model(
     shipped: Arm, settings: PressureJudgeSettings = JUDGE
 ) -> tuple[ExpectedPressure, ...]:
     """Return the expected readings without a model: of the shipped arm, or of any other."""
-    others = (replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR)
-    return (expected_of(shipped), *others)
+    other_actuators = (
+        replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR
+    )
+    return (expected_of(shipped), *other_actuators)
 
 
 Fit = Callable[[PressureConvention], tuple[float, int]]
-"""Mean squared error of the model's targets, of the length squared, and how many levels it is."""
+"""Mean squared error of the predicted targets, of the length squared; number of levels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureVerdict(ReadingVerdict[PressureConvention]):
     """Most likely meaning of the readings of a pressure sensor.
 
-    alike: further meanings that are nearly as likely as the other one. low, high: of the readings,
-    in the unit of the sensor; name: of the actuator that they were compared with; strange: the
-    declaration is right, but the readings are almost surely of another kind of actuator.
+    alternatives: further meanings that are nearly as likely as the other one. low, high: of the
+    readings, in the unit of the sensor; name: of the actuator that they were compared with;
+    is_other_actuator: the declaration is right, but the readings are almost certainly of another
+    kind of actuator.
     """
 
-    alike: tuple[PressureConvention, ...]
+    alternatives: tuple[PressureConvention, ...]
     low: float
     high: float
     name: str
-    strange: bool = False
+    is_other_actuator: bool = False
 
     def range_of(self, meaning: PressureConvention) -> str:
         """Return the range of the readings under a meaning, in kPa gauge."""
@@ -281,8 +284,8 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
     @property
     def finding(self) -> str:
         """Describe the likely meaning of the readings in one sentence without a remedy."""
-        alike = list(dict.fromkeys(one.words for one in self.alike))[:2]
-        or_else = f' (or {" or ".join(alike)})' if alike else ''
+        alternatives = list(dict.fromkeys(one.words for one in self.alternatives))[:2]
+        or_else = f' (or {" or ".join(alternatives)})' if alternatives else ''
         return (
             f'most likely {self.other.words}: {self.low:.4g} to {self.high:.4g} is '
             f'{self.range_of(self.other)}{or_else}; read as {self.declared.words}, it would be '
@@ -290,9 +293,9 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
         )
 
     @property
-    def strangeness(self) -> str:
+    def model_mismatch(self) -> str:
         """Report readings that need another model; empty if this one fits."""
-        if self.doubted or not self.strange:
+        if self.doubted or not self.is_other_actuator:
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0
         return (
@@ -348,26 +351,27 @@ def judge_pressure(
     }
     if fit is not None:
         least = max(weights.values()) - settings.viable
-        asked = {one for one, weight in weights.items() if weight > least} | {declared}
-        for meaning in asked:
+        viable = {one for one, weight in weights.items() if weight > least} | {declared}
+        for meaning in viable:
             square, levels = fit(meaning)
             weights[meaning] -= 0.5 * levels * math.log(square + settings.model_error**2)
-        weights = {one: weights[one] for one in asked}
+        weights = {one: weights[one] for one in viable}
     if len(weights) < 2:
         return None
     other, *rest = ranked(weights, declared)
-    first, *others = by_actuator(declared)
-    alike = [one for one in rest if weights[other] - weights[one] < settings.log_odds]
+    first, *other_actuators = by_actuator(declared)
+    alternatives = [one for one in rest if weights[other] - weights[one] < settings.log_odds]
     return PressureVerdict(
         declared=declared,
         other=other,
-        alike=tuple(one for one in alike if one.words != other.words),
+        alternatives=tuple(one for one in alternatives if one.words != other.words),
         log_odds=weights[other] - weights[declared],
         low=record.low,
         high=record.high,
         name=expected[0].name,
         limit=settings.log_odds,
-        strange=bool(others) and log_sum(others) - first > settings.log_odds,
+        is_other_actuator=bool(other_actuators)
+        and log_sum(other_actuators) - first > settings.log_odds,
     )
 
 
@@ -377,9 +381,9 @@ def log_sum(logs: Sequence[float]) -> float:
     return top + math.log(sum(math.exp(value - top) for value in logs))
 
 
-def normal(far: float) -> float:
+def normal(deviation: float) -> float:
     """Return the normal density at this many sigma, relative to its peak."""
-    return math.exp(-0.5 * far * far)
+    return math.exp(-0.5 * deviation * deviation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -423,18 +427,22 @@ def meanings(
     yield declared
     rests = {(one.high < -one.low) for one in expected}
     own_size = PRESSURE_UNITS[declared.unit]
-    others = [one for one in (*USUAL_UNITS, *RARE_UNITS) if PRESSURE_UNITS[one] != own_size]
-    for unit, sign in product((declared.unit, *others), (1, -1)):
+    other_units = [one for one in (*USUAL_UNITS, *RARE_UNITS) if PRESSURE_UNITS[one] != own_size]
+    for unit, sign in product((declared.unit, *other_units), (1, -1)):
         gauge = replace(declared, unit=unit, reference=GAUGE, sign=sign, offset=0.0)
-        own = unit == declared.unit and sign == declared.sign
-        if not own or declared.reference == ABSOLUTE:
+        is_declared = unit == declared.unit and sign == declared.sign
+        if not is_declared or declared.reference == ABSOLUTE:
             yield gauge
         absolute = replace(gauge, reference=ABSOLUTE)
-        if sign > 0 and (not own or declared.reference == GAUGE):
+        if sign > 0 and (not is_declared or declared.reference == GAUGE):
             yield absolute
         for vacuum in rests:
             rest = record.high if vacuum == (sign > 0) else record.low
-            if own and declared.reference == GAUGE and gauge.gauge(rest) != -declared.offset:
+            if (
+                is_declared
+                and declared.reference == GAUGE
+                and gauge.gauge(rest) != -declared.offset
+            ):
                 yield replace(gauge, offset=-gauge.gauge(rest))
             if sign > 0:  # no absolute sensor has a second port
                 yield replace(absolute, ambient=rest * absolute.size)
@@ -456,12 +464,12 @@ def log_prior(
     if meaning.sign != declared.sign:
         weight += math.log(settings.reversed)
     if meaning.offset not in (0.0, declared.offset):
-        small = min(settings.offset, DOMAIN.pressure_margin * expected.reach)
-        if abs(meaning.offset - declared.offset) < small:
+        smallest_offset = min(settings.offset, DOMAIN.pressure_margin * expected.reach)
+        if abs(meaning.offset - declared.offset) < smallest_offset:
             return IMPOSSIBLE  # that is a zero error, and no other meaning
         spread = math.hypot(settings.zero_span * expected.reach, settings.offset)
-        far = meaning.offset / spread
-        weight += math.log(settings.unset_zero) - 0.5 * far * far
+        deviation = meaning.offset / spread
+        weight += math.log(settings.unset_zero) - 0.5 * deviation * deviation
     return weight
 
 
@@ -486,11 +494,11 @@ def log_likelihood(
     above = high if expected.high > settings.offset else 0.0
     below = -low if expected.low < -settings.offset else 0.0
     used = min(max(above, below, 0.0) / expected.reach, 1.0)
-    # Of recordings that are over the largest pressures are dense towards the range: Beta(2, 1).
+    # The largest pressure of a complete recording tends to be near the limit: Beta(2, 1).
     active = (1.0 - settings.at_rest) * (2.0 * used**2 if features.complete else used)
     constant = features.constant
-    near = normal(max(-low, high) / settings.offset) * constant
-    still = 0.0 if features.moves else settings.at_rest * log_uniform * near
+    near_zero = normal(max(-low, high) / settings.offset) * constant
+    resting = 0.0 if features.moves else settings.at_rest * log_uniform * near_zero
     least = settings.offset  # a calibration holds its zero error
     wrong_side = max(
         -low if expected.low > -least else 0.0, high if expected.high < least else 0.0
@@ -498,14 +506,14 @@ def log_likelihood(
     vacuum = settings.vacuum + normal(wrong_side / settings.offset)
     margin = DOMAIN.pressure_margin
     span = max(expected.high, 0.0) - min(expected.low, 0.0)
-    out = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
-    leaves = settings.leaves * normal(out / settings.beyond)
-    inside = 1.0 if out <= margin else leaves + settings.another_arm
+    excess = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
+    leaves = settings.leaves * normal(excess / settings.beyond)
+    inside = 1.0 if excess <= margin else leaves + settings.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE
-    # Where the pressure never changes, the furthest reading is the one at rest, anywhere alike.
-    moved = active + still
-    extremes = vented * moved + held * (constant + (1.0 - constant) * moved)
+    # Without any change of pressure the furthest reading is the one at rest, at any value.
+    furthest = active + resting
+    extremes = vented * furthest + held * (constant + (1.0 - constant) * furthest)
     return (
         math.log(max(extremes, LEAST))
         + math.log(vacuum)

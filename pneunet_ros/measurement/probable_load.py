@@ -22,29 +22,31 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
-ROUNDS = 2  # of Gauss-Newton: what is left after them is a line
-DIRECTIONS = 8  # of the force, around the circle, in which an equilibrium is looked for
+ROUNDS = 2  # Gauss-Newton steps; after them the model is linear within the remaining error
+DIRECTIONS = 8  # of the force, in which another equilibrium is searched for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbableLoadSettings:
     """Settings of the search for the most probable load, and the limit of reading errors."""
 
-    furthest: float = tuning(
+    largest_error: float = tuning(
         3.0,
-        'that noise is a reading off; what is further is little by little, and from twice as far '
-        'wholly, taken for the error of a model that is not fitted yet',
+        'largest load error due to noise; beyond it the correction fades out, to zero at twice '
+        'this value, because the model is not fitted yet',
         unit='sigma',
         source='invented',
     )
-    elsewhere: float = tuning(
+    snap_distance: float = tuning(
         0.02,
         'rms distance of the targets from which a frame may have snapped to another equilibrium',
         unit='length',
         source='invented',
     )
-    around: float = tuning(2.0, 'search radius around the reading', unit='sigma')
-    nearer: float = tuning(0.3, 'reduction of the distance that confirms another equilibrium')
+    search_radius: float = tuning(2.0, 'search radius around the reading', unit='sigma')
+    distance_ratio: float = tuning(
+        0.3, 'reduction of the distance that confirms another equilibrium'
+    )
 
 
 PROBABLE_LOAD = ProbableLoadSettings()
@@ -71,28 +73,30 @@ def probable_load_errors(
     std = attached_std(noise, run)
     if run.load_known or not std.any():
         return shift
-    measured, far = run.points - disturbance, settings.elsewhere * arm.length
-    read = model.solve(arm, inputs).copy()
-    shift = shift_where_seen(model, arm, inputs, measured, std, settings)
+    measured, snap_distance = run.points - disturbance, settings.snap_distance * arm.length
+    solved_as_read = model.solve(arm, inputs).copy()
+    shift = shift_of_snapped_frames(model, arm, inputs, measured, std, settings)
     for _ in range(ROUNDS):
-        now = inputs.with_loads(inputs.loads + shift)
-        errors = linear_errors(model, arm, run, now, shift, disturbance, noise)
-        kept = np.clip(2.0 - np.abs(errors).max(axis=1) / settings.furthest, 0.0, 1.0)
-        before, here = shift, distance_to_targets(model, measured)
-        from_here = model.subset(np.arange(len(shift)))
-        shift = std * errors * kept[:, None]
+        shifted_inputs = inputs.with_loads(inputs.loads + shift)
+        errors = linear_errors(model, arm, run, shifted_inputs, shift, disturbance, noise)
+        weight = np.clip(2.0 - np.abs(errors).max(axis=1) / settings.largest_error, 0.0, 1.0)
+        previous_shift, distance = shift, distance_to_targets(model, measured)
+        previous_solutions = model.subset(np.arange(len(shift)))
+        shift = std * errors * weight[:, None]
         solved = model.solve(arm, inputs.with_loads(inputs.loads + shift))
-        shift[read & ~solved] = 0.0
-        there = distance_to_targets(model, measured)
-        overshot = np.flatnonzero((there > far) & (settings.nearer * there > here))
-        if overshot.size:  # a step too far: over the edge where it snaps
-            shift[overshot] = before[overshot]
-            model.at_solutions(from_here.subset(overshot), overshot)
+        shift[solved_as_read & ~solved] = 0.0
+        new_distance = distance_to_targets(model, measured)
+        overshot = np.flatnonzero(
+            (new_distance > snap_distance) & (settings.distance_ratio * new_distance > distance)
+        )
+        if overshot.size:  # the step crossed the load at which the arm snaps
+            shift[overshot] = previous_shift[overshot]
+            model.start_from(previous_solutions.subset(overshot), overshot)
             model.solve(arm, inputs.with_loads(inputs.loads + shift))
     return shift
 
 
-def shift_where_seen(
+def shift_of_snapped_frames(
     model: ForwardModel,
     arm: Arm,
     inputs: Inputs,
@@ -106,22 +110,22 @@ def shift_where_seen(
     reading, and on return at the shifted loads.
     """
     shift = np.zeros_like(inputs.loads)
-    left = distance_to_targets(model, measured)
-    snapped = np.flatnonzero(left > settings.elsewhere * arm.length)
+    distance = distance_to_targets(model, measured)
+    snapped = np.flatnonzero(distance > settings.snap_distance * arm.length)
     if not snapped.size or model.measured is None:
         return shift
-    limit = settings.nearer * left[snapped]
-    now = inputs.subset(snapped)
+    limit = settings.distance_ratio * distance[snapped]
+    snapped_inputs = inputs.subset(snapped)
     for angle in np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS):
-        aside = settings.around * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
+        offset = settings.search_radius * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
         stepped = model.subset(snapped)
         stepped.known[:] = False  # from the measured shape
-        stepped.solve(arm, now.with_loads(now.loads + aside))
-        there = distance_to_targets(stepped, measured[snapped])
-        better = there < limit
-        limit = np.where(better, there, limit)
-        shift[snapped[better]] = aside[better]
-        model.at_solutions(stepped.subset(np.flatnonzero(better)), snapped[better])
+        stepped.solve(arm, snapped_inputs.with_loads(snapped_inputs.loads + offset))
+        new_distance = distance_to_targets(stepped, measured[snapped])
+        better = new_distance < limit
+        limit = np.where(better, new_distance, limit)
+        shift[snapped[better]] = offset[better]
+        model.start_from(stepped.subset(np.flatnonzero(better)), snapped[better])
     model.solve(arm, inputs.with_loads(inputs.loads + shift))
     return shift
 

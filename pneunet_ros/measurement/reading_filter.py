@@ -156,16 +156,16 @@ class Lines:
 
     def pieces(self) -> list[Piece]:
         """Return the line segments, split until noise explains their residuals."""
-        waiting, split = [(0, self.values.size - 1)], []
-        while waiting:
-            first, last = waiting.pop()
+        pending, segments = [(0, self.values.size - 1)], []
+        while pending:
+            first, last = pending.pop()
             corner = self.corner(first, last)
             if corner is None:
-                split.append((first, last))
+                segments.append((first, last))
             else:
-                waiting += [(corner + 1, last), (first, corner)]
+                pending += [(corner + 1, last), (first, corner)]
         pieces: list[Piece] = []
-        for piece in split:  # where the first split of all was none
+        for piece in segments:  # merge again where an early split was not needed
             if pieces and self.corner(pieces[-1][0], piece[1]) is None:
                 pieces[-1] = (pieces[-1][0], piece[1])
             else:
@@ -178,11 +178,14 @@ class Lines:
         if count < 3:
             return None
         inner = self.sums[:, first + 1 : last + 1]
-        both = chi_squared(inner - self.sums[:, first : first + 1])
-        both += chi_squared(self.sums[:, last + 1 : last + 2] - inner)
-        best, whole = int(np.argmin(both)), float(chi_squared(self.sums_of(first, last))[0])
-        scatter = whole - count > self.settings.scatter * np.sqrt(2.0 * count)
-        if whole - both[best] <= self.settings.corner and not scatter:
+        two_lines = chi_squared(inner - self.sums[:, first : first + 1])
+        two_lines += chi_squared(self.sums[:, last + 1 : last + 2] - inner)
+        best, one_line = (
+            int(np.argmin(two_lines)),
+            float(chi_squared(self.sums_of(first, last))[0]),
+        )
+        scatter = one_line - count > self.settings.scatter * np.sqrt(2.0 * count)
+        if one_line - two_lines[best] <= self.settings.corner and not scatter:
             return None
         return first + best
 
@@ -214,5 +217,5 @@ def moments(sums: Array) -> tuple[Array, Array, Array, Array]:
 def chi_squared(sums: Array) -> Array:
     """Return the chi squared of the best lines through parts of a series, (n,)."""
     count, tt, tp, pp = moments(sums)
-    left = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=tt > 0.0)
-    return np.where(count > 2, np.maximum(left, 0.0), 0.0)
+    remainder = pp - np.divide(tp**2, tt, out=np.zeros_like(tp), where=tt > 0.0)
+    return np.where(count > 2, np.maximum(remainder, 0.0), 0.0)

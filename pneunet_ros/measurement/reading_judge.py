@@ -81,5 +81,5 @@ class ReadingVerdict(Generic[Meaning]):
 
 def ranked(weights: Mapping[Meaning, float], declared: Meaning) -> list[Meaning]:
     """Return all meanings but the declared one, most likely first; weights: log probability."""
-    others = (meaning for meaning in weights if meaning != declared)
-    return sorted(others, key=weights.__getitem__, reverse=True)
+    alternatives = (meaning for meaning in weights if meaning != declared)
+    return sorted(alternatives, key=weights.__getitem__, reverse=True)

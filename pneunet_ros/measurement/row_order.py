@@ -64,10 +64,10 @@ def numbered_from_tip(
 
     Also False if too few were seen, or if nothing bends.
     """
-    turned = end_turns(points, arclength, settings)
-    if turned is None:
+    turns = end_turns(points, arclength, settings)
+    if turns is None:
         return False
-    first, last = turned
+    first, last = turns
     return first > settings.turns and first > settings.times * last
 
 
@@ -78,15 +78,15 @@ def first_target_moves(
 
     This shows an arm numbered from its free end and measured by a fixed camera.
     """
-    ways = []
+    travels = []
     for end in (0, -1):
         places = points[:, :, end]
         places = places[np.isfinite(places[:, 0])]
         if len(places) < settings.fewest_frames:
             return False
         low, high = np.quantile(places, (0.05, 0.95), axis=0)
-        ways.append(float(np.hypot(*(high - low))))
-    first, last = ways
+        travels.append(float(np.hypot(*(high - low))))
+    first, last = travels
     length = float(arclength[-1] - arclength[0])
     return first > settings.at_clamp * length + arclength[0] and first > settings.times * last
 
@@ -135,15 +135,15 @@ def clamp_motion(
     """
     if not arclength.size or arclength[0] > settings.at_clamp * length:
         return 0.0
-    place, seen = points[:, :, 0], np.isfinite(points[:, 0, 0])
-    place, pressure = place[seen], pressure[seen]
+    position, seen = points[:, :, 0], np.isfinite(points[:, 0, 0])
+    position, pressure = position[seen], pressure[seen]
     span = float(np.ptp(pressure)) if pressure.size else 0.0
-    if len(place) < 2 * settings.fewest_frames or span == 0.0:
+    if len(position) < 2 * settings.fewest_frames or span == 0.0:
         return 0.0
     columns = np.vander((pressure - pressure.min()) / span, 3)
-    coefficients, *_ = np.linalg.lstsq(columns, place, rcond=None)
+    coefficients, *_ = np.linalg.lstsq(columns, position, rcond=None)
     fitted = columns @ coefficients
-    variance = float(np.var(place, axis=0).sum())
+    variance = float(np.var(position, axis=0).sum())
     if variance == 0.0 or np.var(fitted, axis=0).sum() < settings.explained * variance:
         return 0.0
     return float(np.hypot(*np.ptp(fitted, axis=0)))

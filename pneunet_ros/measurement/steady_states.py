@@ -12,28 +12,28 @@ from pneunet_ros.core.units import seconds_between
 SHORTEST_HOLD = 1.5  # s
 
 
-def steady_segments(values: Array, still: Array | float) -> list[tuple[int, int]]:
+def steady_segments(values: Array, tolerance: Array | float) -> list[tuple[int, int]]:
     """Return start and stop of steady intervals of values (n, quantities), greedily.
 
-    In each, the range of every quantity is at most `still` (quantities,). An interval stops where
-    the next one starts; every value is in one.
+    In each, the range of every quantity is at most `tolerance` (quantities,). An interval stops
+    where the next one starts; every value is in one.
     """
     starts = []
     low = high = np.full(values.shape[1:], np.nan)
     for index, value in enumerate(values):
         low, high = np.minimum(low, value), np.maximum(high, value)
-        if not np.all(high - low <= still):
+        if not np.all(high - low <= tolerance):
             starts.append(index)
             low = high = value
     return list(itertools.pairwise([*starts, len(values)]))
 
 
 def held_spans(
-    stamp_ns: Stamps, values: Array, still: Array | float, shortest: float = SHORTEST_HOLD
+    stamp_ns: Stamps, values: Array, tolerance: Array | float, shortest: float = SHORTEST_HOLD
 ) -> list[tuple[int, int]]:
     """Return first and last index of the `steady_segments` of at least `shortest` s."""
     return [
         (start, stop - 1)
-        for start, stop in steady_segments(values, still)
+        for start, stop in steady_segments(values, tolerance)
         if seconds_between(int(stamp_ns[start]), int(stamp_ns[stop - 1])) >= shortest
     ]

@@ -46,8 +46,9 @@ def tips_of(points: Array, places: Array, reach: float) -> Array:
     last = places[-CURVE:] - reach
     if places.size < CURVE or last[-1] == 0.0:
         return np.array(points[:, :, -1])
-    others = [np.delete(last, k) for k in range(CURVE)]
+    other_nodes = [np.delete(last, k) for k in range(CURVE)]
     weights = [
-        np.prod(-other) / np.prod(one - other) for one, other in zip(last, others, strict=True)
+        np.prod(-other) / np.prod(one - other)
+        for one, other in zip(last, other_nodes, strict=True)
     ]
     return np.array(points[:, :, -CURVE:] @ np.array(weights))

@@ -44,13 +44,13 @@ class TipFrameSettings:
         unit='reach',
         source='convention: more is half the motion that is to be explained',
     )
-    longer: float = tuning(
+    elongation: float = tuning(
         0.03,
         'lengthening of an arm at its largest turn, one sigma',
         unit='reach',
         source='convention: pneu-nets get a few percent longer',
     )
-    uneven: float = tuning(
+    nonuniformity: float = tuning(
         0.3,
         'departure of the curvature from its mean along the arm, one sigma',
         unit='of the mean',
@@ -106,7 +106,7 @@ def in_base_frame(
     frame; the clamp is estimated from the runs without a load. Raises RecordingError if these do
     not determine it.
     """
-    other = [run for run in runs if is_elsewhere(run, arm, settings)]
+    other = [run for run in runs if is_in_other_frame(run, arm, settings)]
     if not other:
         return list(runs), ()
     names = ', '.join(run.name for run in other)
@@ -120,25 +120,29 @@ def in_base_frame(
             'the poses in the base frame',
             reason='wrong_frame',
         )
-    moved = [
+    in_base = [
         run
         if all(run is not one for one in other) or run.tip_pose is None
         else replace(run, tip_pose=found.in_base(run.tip_pose), tip_frame=BASE_FRAME)
         for run in runs
     ]
-    return moved, (
+    return in_base, (
         Note(
             f'{names}: the tip is measured in another frame; {found.sentence}', reason='base_found'
         ),
     )
 
 
-def is_elsewhere(run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> bool:
+def is_in_other_frame(
+    run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME
+) -> bool:
     """Whether the tip poses are in another frame, whose position no target determines."""
     if run.tip_pose is None or run.seen.any():
         return False
-    away = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
-    return run.tip_frame != BASE_FRAME or bool(np.any(away > settings.out_of_reach * arm.reach))
+    distance = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
+    return run.tip_frame != BASE_FRAME or bool(
+        np.any(distance > settings.out_of_reach * arm.reach)
+    )
 
 
 def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> FoundBase | None:
@@ -155,16 +159,16 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     frames, reach, clamp = len(poses), arm.reach, arm.clamp_angle
     heading = np.unwrap(np.where(known, poses[:, 2], 0.0))
 
-    def turns_of(numbers: Array) -> Array:
-        return np.where(known, heading - numbers[2] - clamp, numbers[3:])
+    def turns_of(unknowns: Array) -> Array:
+        return np.where(known, heading - unknowns[2] - clamp, unknowns[3:])
 
-    def residual(numbers: Array) -> Array:
-        turn = turns_of(numbers)
+    def residual(unknowns: Array) -> Array:
+        turn = turns_of(unknowns)
         half = 0.5 * turn
-        chord = reach * np.sinc(half / np.pi) * np.exp(1j * (half + clamp + numbers[2]))
-        off = poses[:, 0] + 1j * poses[:, 1] - (numbers[0] + 1j * numbers[1] + chord)
-        still = np.where(known, numbers[3:], 0.0)  # of frames with a heading: not used
-        return np.concatenate([off.real, off.imag, reach * still])
+        chord = reach * np.sinc(half / np.pi) * np.exp(1j * (half + clamp + unknowns[2]))
+        difference = poses[:, 0] + 1j * poses[:, 1] - (unknowns[0] + 1j * unknowns[1] + chord)
+        unused_turns = np.where(known, unknowns[3:], 0.0)  # of frames with a heading: not used
+        return np.concatenate([difference.real, difference.imag, reach * unused_turns])
 
     middle = poses[:, :2].mean(axis=0)
     best = None
@@ -188,9 +192,11 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     singular = np.linalg.svd(normal, compute_uv=False)
     if singular[-1] < 1e-12 * singular[0] or max(std[0], std[1]) > settings.largest_std * reach:
         return None
-    other = departures(turns_of(best.x), arm, settings) * np.exp(1j * (clamp + best.x[2]))
-    unused = np.zeros((frames, other.shape[1]))
-    shift = inverse[:3] @ best.jac.T @ np.concatenate([other.real, other.imag, unused])
+    unmodeled = tip_displacements(turns_of(best.x), arm, settings) * np.exp(
+        1j * (clamp + best.x[2])
+    )
+    no_turns = np.zeros((frames, unmodeled.shape[1]))
+    shift = inverse[:3] @ best.jac.T @ np.concatenate([unmodeled.real, unmodeled.imag, no_turns])
     std = np.hypot(std, np.sqrt(np.sum(shift**2, axis=1)))
     if std[2] >= ANY_ANGLE or max(std[0], std[1]) >= reach:
         return None
@@ -205,7 +211,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     )
 
 
-def departures(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
+def tip_displacements(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
     """Return the displacement of the tip, x + i y (m), by one sigma of departure from an arc.
 
     turns (frames,) rad: the heading of the tip relative to the clamp. Returns (frames, modes):
@@ -213,11 +219,13 @@ def departures(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
     """
     share = 0.5 * (1.0 + _NODES)
     arc = np.exp(1j * turns[:, None] * share)
-    found = []
+    displacements = []
     for order in range(1, MODES + 1):
         of_rms_one = math.sqrt(2 * order + 1) * np.polynomial.legendre.Legendre.basis(order)
-        heading = 0.5 * settings.uneven / math.sqrt(MODES) * of_rms_one.integ(lbnd=-1)(_NODES)
-        found.append(1j * turns * (arc * heading @ _WEIGHTS) / 2.0)
-    longer = settings.longer * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
-    found.append(longer * (arc @ _WEIGHTS) / 2.0)
-    return np.array(arm.reach * np.column_stack(found))
+        heading = (
+            0.5 * settings.nonuniformity / math.sqrt(MODES) * of_rms_one.integ(lbnd=-1)(_NODES)
+        )
+        displacements.append(1j * turns * (arc * heading @ _WEIGHTS) / 2.0)
+    elongation = settings.elongation * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
+    displacements.append(elongation * (arc @ _WEIGHTS) / 2.0)
+    return np.array(arm.reach * np.column_stack(displacements))

@@ -228,11 +228,11 @@ def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
         return None
     hull, noise = arm.load_hull, arm.sensors
     at = np.clip(pressure, *arm.pressure_range).tolist()
-    felt = [DOMAIN.load_noise * std for std in (noise.force_std, noise.force_std, 0.0, 0.0)]
+    resolution = [DOMAIN.load_noise * std for std in (noise.force_std, noise.force_std, 0.0, 0.0)]
 
     def beyond(forces: Forces) -> float:
         loads = ([one.real, one.imag, 0.0, p] for one, p in zip(forces.tolist(), at, strict=True))
-        return max(hull.share(hull.distance(load, felt)) for load in loads)
+        return max(hull.share(hull.distance(load, resolution)) for load in loads)
 
     return ExpectedLoad(largest=arm.domain.largest_force, beyond=beyond)
 
@@ -257,11 +257,13 @@ def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[
         yield meaning
         if shown is not None:
             weight = 1.0 / shown.std**2
-            left = np.sum(weight * (shown.force - meaning.force(shown.reading))) / np.sum(weight)
+            mean_residual = np.sum(weight * (shown.force - meaning.force(shown.reading))) / np.sum(
+                weight
+            )
             yield replace(
                 meaning,
-                offset_x=meaning.offset_x + float(left.real),
-                offset_y=meaning.offset_y + float(left.imag),
+                offset_x=meaning.offset_x + float(mean_residual.real),
+                offset_y=meaning.offset_y + float(mean_residual.imag),
             )
 
 
@@ -304,8 +306,8 @@ def log_range(
     used = min(float(np.max(np.abs(force))) / expected.largest, 1.0)
     beyond = expected.beyond(force)
     # Student's t with three degrees of freedom: loads of another experiment are possible.
-    far = (beyond / settings.loads_differ) ** 2
-    inside = 1.0 if beyond == 0.0 else settings.leaves / (1.0 + far) ** 2
+    squared_deviation = (beyond / settings.loads_differ) ** 2
+    inside = 1.0 if beyond == 0.0 else settings.leaves / (1.0 + squared_deviation) ** 2
     return math.log(2.0 * used**2 + settings.idle) + math.log(inside)
 
 

@@ -196,8 +196,8 @@ def doubts(
     """Describe readings that are implausible for this arm."""
     if verdicts.doubted:
         return [f'{verdicts.findings}: give {verdicts.options} to every verb']
-    if verdicts.strangeness:
-        return [verdicts.strangeness]
+    if verdicts.model_mismatch:
+        return [verdicts.model_mismatch]
     if PRESSURE.name not in series:
         return []
     arm, verdict = request.arm, verdicts.pressure

@@ -102,9 +102,9 @@ class Verdicts:
         return {name: item for name, item in found.items() if item is not None and item.doubted}
 
     @property
-    def strangeness(self) -> str:
+    def model_mismatch(self) -> str:
         """Report readings outside the range of this model; empty if there are none."""
-        return '' if self.pressure is None else self.pressure.strangeness
+        return '' if self.pressure is None else self.pressure.model_mismatch
 
     @property
     def findings(self) -> str:

@@ -97,8 +97,8 @@ def uses(
         return find_series(recording, sensor, overrides, required=False) is not None
 
     def check_readings(doubted: Container[str]) -> None:
-        if verdicts.strangeness:
-            raise RecordingError(verdicts.strangeness, reason='strange_readings')
+        if verdicts.model_mismatch:
+            raise RecordingError(verdicts.model_mismatch, reason='strange_readings')
         if PRESSURE.name in doubted or END_WRENCH.name in doubted:
             raise RecordingError(
                 f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'

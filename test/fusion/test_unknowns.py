@@ -81,7 +81,7 @@ def test_columns_of_the_law_and_causes_are_where_the_blocks_say():
         moment=0.0,
         moment_std=1e-5,
         by_column=np.zeros(UNKNOWNS.law_columns),
-        late=np.array([100.0, 200.0, 300.0]),
+        lag_offsets=np.array([100.0, 200.0, 300.0]),
     )
     causes = UNKNOWNS.causes_at(inputs)
     assert len(causes) == PRESSURE + 1 + UNKNOWNS.law_columns

@@ -221,9 +221,9 @@ def test_live_a_sensor_that_was_mended_is_believed_again():
 
 def test_without_a_model_a_vacuum_actuator_is_a_stranger_and_no_reversed_sensor():
     found = verdict(-NOISY, expected=expected_without_model(ARM))
-    assert (found.doubted, found.strange) == (False, True)
-    assert '--pressure-sign -1' in found.strangeness
-    assert not verdict(NOISY, expected=expected_without_model(ARM)).strange
+    assert (found.doubted, found.is_other_actuator) == (False, True)
+    assert '--pressure-sign -1' in found.model_mismatch
+    assert not verdict(NOISY, expected=expected_without_model(ARM)).is_other_actuator
     hecto = verdict((NOISY + 1e5) / 100.0, expected=expected_without_model(ARM))
     assert hecto.changes['pressure_unit'] == 'hPa'
 

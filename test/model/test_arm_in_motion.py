@@ -231,7 +231,7 @@ def test_targets_are_predicted_where_the_moving_arm_has_them():
     assert predicted is not None
     wanted = [np.interp(arm.target_arclength, found[1].shape.arclength, found[1].shape.x)]
     assert predicted.x == pytest.approx(wanted[0], abs=3e-5)
-    assert predicted.own == len(predicted.errors) - 4 - 0
+    assert predicted.frame_error_count == len(predicted.errors) - 4 - 0
 
 
 def test_an_arm_of_negative_rigidity_has_no_motion():

@@ -42,9 +42,9 @@ class FrameInputs:
 
     chamber, chamber_std: pressure in the chamber and its white noise (Pa); history: of the
     effects; moment, moment_std (N m): at the tip; by_column (columns,): change of the pressure by
-    one sigma of each column of the law, through sensing effects; late (memory,) Pa: distance of
-    the lagging pressures, and of the one behind a play, from the chamber; gravity: along x and y,
-    in g; None: as in the model.
+    one sigma of each column of the law, through sensing effects; lag_offsets (memory,)
+    Pa: distance of the lagging pressures, and of the one behind a play, from the chamber; gravity:
+    along x and y, in g; None: as in the model.
     """
 
     chamber: float
@@ -53,7 +53,7 @@ class FrameInputs:
     moment: float
     moment_std: float
     by_column: Array
-    late: Array
+    lag_offsets: Array
     gravity: tuple[float, float] | None = None
 
 
@@ -173,7 +173,7 @@ class Block(abc.ABC):
         """Return the derivatives of the camera's x, y and rotation by the unknowns, (3, k)."""
         return None
 
-    def on_dots(self, own: Array) -> Array | None:
+    def on_dots(self, unknowns: Array) -> Array | None:
         """Return the displacement of the dots by their own unknowns (k, ..), (2, dots, ..)."""
         return None
 

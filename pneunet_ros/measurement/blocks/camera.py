@@ -55,8 +55,8 @@ class Camera(Block):
     @property
     def moved_std(self) -> Array:
         """One sigma (3,) of position and rotation of a camera that was moved."""
-        moved = self.moved_by * self.length
-        return np.array([moved, moved, self.turned_by])
+        position_std = self.moved_by * self.length
+        return np.array([position_std, position_std, self.turned_by])
 
     def on_camera(self) -> Array:
         """Add drift and position."""

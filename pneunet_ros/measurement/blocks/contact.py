@@ -40,7 +40,7 @@ class Push(Block):
         return np.zeros(2)
 
     @property
-    def anywhere(self) -> tuple[Array, Array]:
+    def touching_prior(self) -> tuple[Array, Array]:
         """Mean and one sigma of a contact with any force, anywhere on the arm."""
         length = self.length
         return np.array([0.0, 0.5 * length]), np.array([self.scale, length / math.sqrt(12.0)])
@@ -57,18 +57,18 @@ class Push(Block):
         walks = np.array([force_walk, self.place_walk * self.length])
         return np.asarray(walks * math.sqrt(seconds))
 
-    def load_of(self, own: Array) -> PartLoad | None:
+    def load_of(self, unknowns: Array) -> PartLoad | None:
         """Return the contact force for these unknowns (2,); None if the contact is off the arm."""
-        force, place = own.tolist()
+        force, position = unknowns.tolist()
         low, high = self.limits
-        if not low <= place <= high:
+        if not low <= position <= high:
             return None
-        return PartLoad(force=force, place=place, width=self.width * self.length)
+        return PartLoad(force=force, place=position, width=self.width * self.length)
 
-    def held(self, own: Array) -> PartLoad:
+    def held(self, unknowns: Array) -> PartLoad:
         """Return the push of these unknowns (2,), limited to the arm."""
         low, high = self.limits
-        force, place = own.tolist()
+        force, position = unknowns.tolist()
         return PartLoad(
-            force=force, place=min(max(place, low), high), width=self.width * self.length
+            force=force, place=min(max(position, low), high), width=self.width * self.length
         )

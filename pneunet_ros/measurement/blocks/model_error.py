@@ -95,12 +95,12 @@ class ModelDiscrepancy(SizedBlock):
 
     def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:
         """Convert the delayed part to a curvature, and the play to a pressure."""
-        causes[columns.start, 2:-1] = inputs.late[:-1] / self.range
-        causes[PRESSURE, -1] = inputs.late[-1]
+        causes[columns.start, 2:-1] = inputs.lag_offsets[:-1] / self.range
+        causes[PRESSURE, -1] = inputs.lag_offsets[-1]
 
     def as_pressure(self, inputs: FrameInputs) -> Array:
         """Return the pressure equivalent to a curvature."""
-        return np.concatenate([[self.range, 0.0], inputs.late])
+        return np.concatenate([[self.range, 0.0], inputs.lag_offsets])
 
     def remember(
         self, memory: tuple[float, ...], chamber: float, seconds: float
@@ -137,9 +137,9 @@ def curvature_off(arm: Arm) -> dict[str, float]:
     low, high = (table.at(pressure, table.arclength) for pressure in pressure_span(arm))
     field = table.curvature[0] if len(table.pressure) == 1 else high - low
     return {
-        f'intrinsic_curvature.curvature.{row}.{place}': float(value)
+        f'intrinsic_curvature.curvature.{row}.{knot}': float(value)
         for row in range(len(table.pressure))
-        for place, value in enumerate(field)
+        for knot, value in enumerate(field)
     }
 
 
@@ -147,8 +147,8 @@ def stiffness_off(arm: Arm, share: float) -> dict[str, float]:
     """Return the change of the model by a uniform relative stiffness error, by dotted path."""
     law = arm.moment_law
     return {
-        '.'.join(('moment_law', name, *map(str, place))): share * float(value)
+        '.'.join(('moment_law', name, *map(str, index))): share * float(value)
         for name in STIFFNESS
         if hasattr(law, name)
-        for place, value in np.ndenumerate(np.asarray(getattr(law, name)))
+        for index, value in np.ndenumerate(np.asarray(getattr(law, name)))
     }

@@ -44,6 +44,6 @@ class Placement(Block):
         """Return the unknowns of some dots, along and across the arm."""
         return np.concatenate([which, self.dots + which])
 
-    def on_dots(self, own: Array) -> Array:
+    def on_dots(self, unknowns: Array) -> Array:
         """Displace each dot."""
-        return own.reshape(2, self.dots, *own.shape[1:])
+        return unknowns.reshape(2, self.dots, *unknowns.shape[1:])

@@ -31,10 +31,10 @@ class TargetRow(Block):
     @property
     def prior(self) -> Prior:
         """Zero: the row is where the model file has it."""
-        nothing = np.zeros(2)
-        return Prior(mean=nothing, std=nothing, shared=(ModelColumns, np.zeros((2, 0))))
+        zero = np.zeros(2)
+        return Prior(mean=zero, std=zero, shared=(ModelColumns, np.zeros((2, 0))))
 
-    def on_dots(self, own: Array) -> Array:
+    def on_dots(self, unknowns: Array) -> Array:
         """Scale the positions of all dots along the arm, and shift them equally across it."""
         shifts = row_shifts(self.arclength).reshape(2, -1, 2)
-        return np.tensordot(shifts, own, axes=1)
+        return np.tensordot(shifts, unknowns, axes=1)

@@ -17,20 +17,20 @@ class Walk:
     """Random walk of the tip force (N/sqrt(s)): the recent rate, and the typical one.
 
     interval (s): time over which changes are as steady as from frame to frame. weights (walks,):
-    log weights of the candidate walks of a swinging arm, None before any frame; taken: the walk
-    that made the last frame of a swinging arm most likely.
+    log weights of the candidate walks of a swinging arm, None before any frame;
+    most_likely: the walk that made the last frame of a swinging arm most likely.
     """
 
     recent: float
     usual: float
     interval: float = math.inf
     weights: Array | None = None
-    taken: float = 0.0
+    most_likely: float = 0.0
 
     @property
     def largest(self) -> float:
         """Upper limit of the random walk (N/sqrt(s)) of the load on a swinging arm."""
-        return max(self.recent, self.usual, self.taken)
+        return max(self.recent, self.usual, self.most_likely)
 
     def steadiness(self, seconds: float) -> float:
         """Return the variance growth relative to a random walk, for a load that may swing."""

@@ -171,7 +171,7 @@ class Unknowns:
     def growth(self, seconds: float, pressed: float) -> Array:
         """Return one sigma of the process noise of errors of unknown size, for a size of 1."""
         return np.array(
-            [one for own in self.of_growth for one in own.block.growth(seconds, pressed)]
+            [std for placed in self.of_growth for std in placed.block.growth(seconds, pressed)]
         )
 
     def move(
@@ -211,11 +211,11 @@ class Unknowns:
             one.block.on_rod_as_read(causes[:, one.where], one.columns, inputs)
         return causes
 
-    def dots_moved(self, own: Array) -> Array:
+    def dots_moved(self, unknowns: Array) -> Array:
         """Return the displacement of the dots by their own unknowns (n, ..), (2, dots, ..)."""
         total: Array | None = None
         for one in self.dots:
-            moves = one.block.on_dots(own[one.where])
+            moves = one.block.on_dots(unknowns[one.where])
             total = moves if total is None or moves is None else total + moves
         assert total is not None
         return total
@@ -233,7 +233,7 @@ class Unknowns:
         """Return each unknown as an equivalent pressure error, (n,) Pa."""
         row = np.zeros(self.std.size)
         for one in self.of_pressure:
-            own = one.block.as_pressure(inputs)
-            if own is not None:
-                row[one.where] = own
+            pressures = one.block.as_pressure(inputs)
+            if pressures is not None:
+                row[one.where] = pressures
         return row

@@ -84,18 +84,18 @@ class GaussianModel:
     def inner(self, left: Sequence[Array], right: Sequence[Array]) -> Array:
         """Return left^T V^-1 right for columns per run."""
         plain = sum(a.T @ b for a, b in zip(left, right, strict=True))
-        over = sum(x.T @ a for x, a in zip(self.columns, left, strict=True))
-        other = over
+        projected_left = sum(x.T @ a for x, a in zip(self.columns, left, strict=True))
+        projected_right = projected_left
         if right is not left:
-            other = sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
-        value: Array = plain - np.asarray(over).T @ scipy.linalg.cho_solve(
-            self.factor, np.asarray(other)
+            projected_right = sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
+        value: Array = plain - np.asarray(projected_left).T @ scipy.linalg.cho_solve(
+            self.factor, np.asarray(projected_right)
         )
         return value
 
-    def score(self, further: Sequence[Array]) -> Array:
+    def score(self, columns: Sequence[Array]) -> Array:
         """Return z of further columns (rows, k) per run."""
-        parts = zip(further, self.best_residuals(), strict=True)
+        parts = zip(columns, self.best_residuals(), strict=True)
         value: Array = np.asarray(sum(item.T @ rest for item, rest in parts))
         return value
 
@@ -114,5 +114,5 @@ class GaussianModel:
 
     def evidence(self) -> float:
         """Log probability of every run predicted from the others, summed."""
-        everything = self.log_probability()
-        return sum(everything - self.log_probability(which) for which in range(len(self.grams)))
+        total = self.log_probability()
+        return sum(total - self.log_probability(which) for which in range(len(self.grams)))

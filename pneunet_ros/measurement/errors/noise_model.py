@@ -40,10 +40,10 @@ def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
     """
     attached = np.any(run.load != 0.0, axis=1)
     if run.wrench_stamp_ns is not None and run.wrench is not None and not run.static:
-        read = run.wrench_stamp_ns[np.any(run.wrench != 0.0, axis=1)]
+        loaded_stamps = run.wrench_stamp_ns[np.any(run.wrench != 0.0, axis=1)]
         edge = round(EDGE * NANOSECONDS_PER_SECOND)
-        first = np.searchsorted(read, run.stamp_ns - edge, side='left')
-        attached |= np.searchsorted(read, run.stamp_ns + edge, side='right') > first
+        first = np.searchsorted(loaded_stamps, run.stamp_ns - edge, side='left')
+        attached |= np.searchsorted(loaded_stamps, run.stamp_ns + edge, side='right') > first
     moment_std = noise.moment_std if np.any(run.moment != 0.0) else 0.0
     stds = np.array([noise.force_std, noise.force_std, moment_std])
     return np.asarray(np.hypot(attached[:, None] * stds, missed_load(run, stds)))
@@ -77,9 +77,9 @@ def measured_tip_std(noise: SensorNoise) -> float:
 
 def camera_errors(std: float, targets: int) -> Array:
     """Return the displacement by a camera offset of std (m) in x and in y, (2 targets, 2) m."""
-    moved = np.zeros((2, targets, 2))
-    moved[0, :, 0] = moved[1, :, 1] = std
-    return moved.reshape(2 * targets, 2)
+    displacement = np.zeros((2, targets, 2))
+    displacement[0, :, 0] = displacement[1, :, 1] = std
+    return displacement.reshape(2 * targets, 2)
 
 
 def reading_errors(
@@ -165,11 +165,11 @@ def pressure_moves(
     by_table: Array = np.matmul(knots, slope[:, :, None])[:, :, 0]
     if not arm.effects:
         return by_table
-    read = [
+    shifted_runs = [
         replace(run, pressure=run.pressure + side * PRESSURE_STEP) if arm.sensing else run
         for side in (-1.0, 1.0)
     ]
-    below, above = (steady_inputs(arm, item).loads for item in read)
+    below, above = (steady_inputs(arm, item).loads for item in shifted_runs)
     sides = [
         replace(
             inputs,
@@ -182,9 +182,9 @@ def pressure_moves(
         inputs.pressure, PRESSURE_STEP, inputs.histories, inputs.loads
     ):
         return by_table
-    moved = model.difference(arm, *sides) / (2.0 * PRESSURE_STEP)
-    moved = moved[:, : by_table.shape[1]]
-    return np.asarray(np.where(np.isfinite(moved), moved, by_table))
+    displacement = model.difference(arm, *sides) / (2.0 * PRESSURE_STEP)
+    displacement = displacement[:, : by_table.shape[1]]
+    return np.asarray(np.where(np.isfinite(displacement), displacement, by_table))
 
 
 def model_errors(arm: Arm, inputs: Inputs) -> Array:
@@ -231,11 +231,11 @@ def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorN
     model = ForwardModel(arm.target_arclength)
     seen = run.seen & model.solve(arm, inputs)[:, None]
     loads = attached_std(noise, replace(run, wrench_stamp_ns=None, wrench=None))
-    read = np.full(len(run.stamp_ns), noise.pressure_std)
+    pressure_stds = np.full(len(run.stamp_ns), noise.pressure_std)
     if not run.static:
-        read *= interpolated_noise(run.instants, run.reading_stamp_ns)
-    read = np.hypot(read, missed_pressure(noise, arm, run))
-    pressure = read[:, None, None] * pressure_error(arm, inputs, 1.0)
+        pressure_stds *= interpolated_noise(run.instants, run.reading_stamp_ns)
+    pressure_stds = np.hypot(pressure_stds, missed_pressure(noise, arm, run))
+    pressure = pressure_stds[:, None, None] * pressure_error(arm, inputs, 1.0)
     if run.wrench_stamp_ns is not None and not (run.static or run.load_known):
         shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
         loads = loads * interpolated_noise(shown, run.wrench_stamp_ns)[:, None]
