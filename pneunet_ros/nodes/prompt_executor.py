@@ -28,8 +28,8 @@ from rclpy.signals import SignalHandlerGuardCondition
 FOREVER = -1  # ns
 NEVER = 2**63  # ns
 SERVICE_NS = 1_000_000  # to wait for a service takes up to 35 us: 3 % of the time
-# Messages are called back for so long before others are looked for, or this multiple of how long
-# looking took.
+# Messages are called back for so long before others are looked for or less urgent work goes on, or
+# for this multiple of how long looking took, or that work since its last pause.
 LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
 POLL_NS, POLLS = 20_000_000, 4  # how often, and how far, rclpy looks after a node that is polled
 PAUSE_NS = 1_000_000  # from one look for more urgent messages to the next: looking takes a tenth
@@ -198,7 +198,8 @@ class PromptExecutor(SingleThreadedExecutor):
         waiting = self.wait(begin_ns, whole=whole)
         looked_ns = begin_ns if late else time.time_ns()
         arrived = set(waiting.get_ready_entities('subscription'))
-        if self.call_messages(arrived, looked_ns, whole=whole):
+        asked = whole and bool(waiting.get_ready_entities('service'))
+        if self.call_messages(arrived, looked_ns, all_arrived=asked):
             self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
         elif (node := self.unsettled()) is not None:
             self.work(self.at_work_beside(node), node.settle)
@@ -206,16 +207,15 @@ class PromptExecutor(SingleThreadedExecutor):
         for timer, node in list(zip(self._timers, self._owners, strict=True)):
             if timer.handle.pointer in ready:
                 self.call_timer(timer, node)
-                self.call_arrived(self._queues)
+                if not self._changed:
+                    self.call_some(self._queues)
         if not whole:
             return
         self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
         others = {item.handle.pointer for item in self._other}
         for _ in range(POLLS * self._polled):
             self.spin_once(timeout_sec=0)
-        if waiting.get_ready_entities('service') or not others.isdisjoint(
-            waiting.get_ready_entities('subscription')
-        ):
+        if asked or not others.isdisjoint(arrived):
             self.spin_once(timeout_sec=0)
 
     def wait(self, begin_ns: int, *, whole: bool) -> Any:
@@ -240,12 +240,12 @@ class PromptExecutor(SingleThreadedExecutor):
         waiting.wait(max(min(ends) - begin_ns, 0) if ends else FOREVER)
         return waiting
 
-    def call_messages(self, ready: Collection[int], begin_ns: int, *, whole: bool) -> bool:
+    def call_messages(self, ready: Collection[int], begin_ns: int, *, all_arrived: bool) -> bool:
         """Run callbacks of received messages for a while; return whether there were any.
 
         begin_ns: start of the search for messages. Searching takes long on a busy machine, and
-        must not take most of the time. whole: services come next, so all arrived messages are
-        processed: a request is served after the messages that were sent before it.
+        must not take most of the time. all_arrived: process all arrived messages, because a
+        request comes next: it is served after the messages that were sent before it.
         """
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
@@ -253,7 +253,7 @@ class PromptExecutor(SingleThreadedExecutor):
         now_ns = time.time_ns()
         end_ns = now_ns + max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
         any_called, more = self.call_in_turn(self._queues, end_ns)
-        if more and whole:
+        if more and all_arrived:
             self.call_arrived(self._queues)
         elif more:  # and their turn is next
             self._due_ns = now_ns
@@ -283,13 +283,21 @@ class PromptExecutor(SingleThreadedExecutor):
         self._due_ns = min((due for due in dues if due is not None), default=None)
         return any_called, bool(turns) and turns[0][0] < NEVER
 
-    def call_arrived(self, queues: Collection[Queue]) -> None:
-        """Process the messages that have arrived in queues, and more urgent ones."""
+    def call_some(self, queues: Collection[Queue]) -> bool:
+        """Process messages of queues for a short time; return whether some are left."""
+        for queue in queues:
+            queue.fill()
+        now_ns = time.time_ns()
+        _, more = self.call_in_turn(queues, now_ns + LOOK_AGAIN_NS)
+        if more:
+            self._due_ns = now_ns
+        return more
+
+    def call_arrived(self, queues: Collection[Queue], end_ns: int = NEVER) -> None:
+        """Process the messages that have arrived in queues, and more urgent ones, until a time."""
         now_ns, more = time.time_ns(), True
-        while more and not self._changed:
-            for queue in queues:
-                queue.fill()
-            _, more = self.call_in_turn(queues, time.time_ns() + LOOK_AGAIN_NS)
+        while more and not self._changed and time.time_ns() < end_ns:
+            more = self.call_some(queues)
             arrivals = [queue.order.first_ns for queue in queues]
             more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
 
@@ -302,16 +310,21 @@ class PromptExecutor(SingleThreadedExecutor):
             self._at_work.pop()
 
     def call_urgent(self) -> None:
-        """Process messages more urgent than the running callbacks, in a pause of the last one."""
+        """Process messages more urgent than the running callbacks, in a pause of the last one.
+
+        While messages wait, they get a fixed multiple of the time of the callback, which must end.
+        """
         now_ns = time.time_ns()
         if now_ns < self._pause_ns or not self._at_work:
             return
+        worked_ns = now_ns - max(self._at_work[-1].begin_ns, self._pause_ns - PAUSE_NS)
         self.call_arrived(
             [
                 queue
                 for queue in self._queues
                 if all(one.yields_to(queue, now_ns) for one in self._at_work)
-            ]
+            ],
+            now_ns + max(LOOK_AGAIN_NS, LOOKS * worked_ns),
         )
         self._pause_ns = time.time_ns() + PAUSE_NS
 

@@ -1,10 +1,12 @@
-"""Frame dropping: a late node skips frames, never readings."""
+"""Frame dropping: a late node skips frames, never readings, and reports how late it is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
 from typing import Any
+
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 
 # Pressures. As many as the queue of a subscription holds: a node that is later than this, and is
 # busy as long once more, loses readings (0.2 s at 100 Hz).
@@ -45,14 +47,22 @@ class FrameShedding:
         return call
 
     def is_late(self) -> bool:
-        """Whether frames are being dropped."""
+        """Whether readings have been waiting for too long, so that frames are dropped."""
         count, span_ns = self.backlog()
         is_long = count >= MOST_WAITING or span_ns >= LONGEST_BACKLOG_NS
         self._late = count > FEW_WAITING if self._late else is_long
         return self._late
 
     def sentence(self) -> str:
-        """Report the number of dropped frames since the last call; empty if there were none."""
+        """Report frames dropped since the last call, and readings that wait; empty if none."""
         new, self._new = self._new, 0
-        frames = f'{new} frame{"s" if new > 1 else ""} of targets'
-        return f'{frames} dropped, because this machine is too slow for all readings' * (new > 0)
+        count, span_ns = self.backlog()
+        facts = []
+        if new:
+            facts.append(f'{new} frame{"s" if new > 1 else ""} of targets dropped')
+        if self.is_late():
+            seconds = span_ns / NANOSECONDS_PER_SECOND
+            facts.append(f'{count} pressure readings are waiting, for up to {seconds:.1f} s')
+        if not facts:
+            return ''
+        return f'{" and ".join(facts)}, because this machine is too slow for all readings'

@@ -338,3 +338,5 @@ def test_frames_are_left_out_from_when_a_node_is_late_until_only_their_reading_w
     assert shedding.total == len(noted) == 3  # they do not look like frames that were lost
     assert shedding.sentence().startswith('3 frames')
     assert shedding.sentence() == ''
+    waiting[0] = most
+    assert shedding.sentence().startswith(f'{most} pressure readings')

@@ -199,6 +199,27 @@ def test_timers_services_and_other_subscriptions_have_their_turns(executor, node
     turn_until(executor, node, lambda: len(called) == 4)
 
 
+def test_timers_have_their_turns_beside_a_backlog(executor, node):
+    called, order = [], ArrivalOrder(['words'])
+    group = AtOnce(order, 'words')
+    subscription(node, STRING, 'words', lambda message, info: None, input_qos(), group=group)
+    for number in range(5):
+        node.create_timer(0.01, partial(called.append, number))
+    executor.take_turn()
+    called.clear()
+
+    def work():
+        time.sleep(0.002)
+        called.append('message')
+
+    for _ in range(500):
+        order.add('words', time.time_ns(), 0, work)
+    time.sleep(0.02)  # all timers are due
+    while len(set(called)) < 6:
+        executor.take_turn()
+    assert called.count('message') < 100
+
+
 def test_what_is_subscribed_to_while_it_runs_is_heard(executor, node):
     heard = []
 
