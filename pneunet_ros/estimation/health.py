@@ -30,7 +30,7 @@ class EstimatorHealth(InputHealth):
         self._warnings: dict[str, None] = {}
         self._settled: list[bool] = []
 
-    def took_pressure(
+    def record_pressure(
         self, outcome: ShapeEstimate | Refusal, now: float, solve_time: float | None
     ) -> None:
         """Record the outcome of a pressure reading and its processing time (s); None: not live."""
@@ -42,7 +42,7 @@ class EstimatorHealth(InputHealth):
             if outcome.motion is not None:
                 self._settled.append(outcome.motion.settled)
 
-    def took_wrench(self, refusal: Refusal | None, now: float) -> None:
+    def record_wrench(self, refusal: Refusal | None, now: float) -> None:
         """Record the outcome of a wrench reading."""
         if refusal is None:
             self._wrench_at = now

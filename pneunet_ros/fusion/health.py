@@ -31,7 +31,7 @@ class FusionHealth(InputHealth):
         self._nis: RunningNis | None = None
         self._warnings: dict[str, None] = {}
 
-    def took(self, sensor: str, outcome: object, now: float, solve_time: float | None) -> None:
+    def record(self, sensor: str, outcome: object, now: float, solve_time: float | None) -> None:
         """Record the outcome of a sensor's message, and its processing time (s).
 
         solve_time: None in a replay.

@@ -190,7 +190,7 @@ class LiveLab:
         """The time (s) in which the base repeats its motion."""
         return float(self.scenario.protocol.duration)
 
-    def take_over(self, state: LiveState) -> LiveState:
+    def reconfigure(self, state: LiveState) -> LiveState:
         """Return the state with other effects; new effects start at rest."""
         names = {effect.name for effect in self.scenario.effects}
         past = {name: values for name, values in state.past.items() if name in names}

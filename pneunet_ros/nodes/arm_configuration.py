@@ -13,7 +13,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.model_file import model_hash, model_label
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import error_left_out
-from pneunet_ros.nodes.parameters import known_model, model_path
+from pneunet_ros.nodes.parameters import arm_from_file, model_path
 from pneunet_ros.nodes.sensor_description import sensor_description
 
 
@@ -48,7 +48,7 @@ class ArmConfiguration(ABC):
         """Meaning of sensor readings, by parameter."""
         return sensor_description(self.settings)
 
-    def info_with(self, **others: Any) -> str:
+    def info_with(self, **entries: Any) -> str:
         """Return the content of the topic model_info, with further entries."""
         arm, settings = self.arm, self.settings
         return model_info(
@@ -61,7 +61,7 @@ class ArmConfiguration(ABC):
             pressure_offset=settings.pressure_offset,
             sensors=self.sensors,
             stations=settings.stations,
-            **others,
+            **entries,
         )
 
 
@@ -71,10 +71,10 @@ def arm_of(node: Any, current: ArmConfiguration | None) -> Arm:
         before = current.node
         if (node.model_file, node.gravity) == (before.model_file, before.gravity):
             return current.arm
-    return known_model(node.model_file, node.effects_path, node.gravity)
+    return arm_from_file(node.model_file, node.effects_path, node.gravity)
 
 
-def model_info(arm: Arm, file: Path, **others: Any) -> str:
+def model_info(arm: Arm, file: Path, **entries: Any) -> str:
     """Return the JSON text of model_info for an arm from a file, with further entries."""
-    about = {'name': arm.name, 'hash': model_hash(arm), 'file': str(file), 'length': arm.length}
-    return json.dumps({**about, **others, 'version': __version__})
+    identity = {'name': arm.name, 'hash': model_hash(arm), 'file': str(file), 'length': arm.length}
+    return json.dumps({**identity, **entries, 'version': __version__})

@@ -18,13 +18,13 @@ from pneunet_ros.nodes.signals import signal_came
 class CallbackErrors:
     """Counts callback errors by type and line.
 
-    say: called with the first error of each kind, as a key and a sentence with its traceback.
+    log: called with the first error of each kind, as a key and a sentence with its traceback.
     """
 
-    def __init__(self, say: Callable[[str, str], None]) -> None:
+    def __init__(self, log: Callable[[str, str], None]) -> None:
         self.total: Counter[str] = Counter()
-        self._new: Counter[str] = Counter()
-        self._say = say
+        self._unreported: Counter[str] = Counter()
+        self._log = log
 
     def guarded(
         self, callback: Callable[..., Any], failed: Callable[..., Any] = lambda *arguments: None
@@ -52,10 +52,10 @@ class CallbackErrors:
         where = f' at {Path(frames[-1].filename).name}:{frames[-1].lineno}' if frames else ''
         kind = f'{type(error).__name__}{where}'
         self.total[kind] += 1
-        self._new[kind] += 1
+        self._unreported[kind] += 1
         if self.total[kind] == 1:
             text = ''.join(traceback.format_exception(error))
-            self._say(
+            self._log(
                 kind,
                 f'internal error, {kind}: this message or call was skipped, and the node '
                 f'continues. If it repeats, call ~/reset, and report this:\n{text}',
@@ -63,7 +63,7 @@ class CallbackErrors:
 
     def sentence(self) -> str:
         """Report the number of errors since the last call; empty if there were none."""
-        new, self._new = self._new, Counter()
+        new, self._unreported = self._unreported, Counter()
         return '; '.join(
             (
                 f'{count} internal error{"s" if count > 1 else ""}, {kind}: call ~/reset if '

@@ -18,8 +18,8 @@ from pneunet_ros.nodes.callback_errors import CallbackErrors, refuse_call
 from pneunet_ros.nodes.connections import mismatch_sentences, rival_sentences
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
-from pneunet_ros.nodes.parameters import ParameterTable, without_effect
-from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
+from pneunet_ros.nodes.parameters import ParameterTable, undeclared_overrides
 from pneunet_ros.nodes.sensor_description import MOST_NODES, OtherDescriptions
 from pneunet_ros.nodes.shedding import FrameShedding
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
@@ -64,22 +64,22 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         name: str,
         table: ParameterTable,
         configured: Callable[[Mapping[str, Any], C | None], C],
-        place: Place = ALONE,
+        node_options: NodeOptions = DEFAULT_OPTIONS,
     ) -> None:
         """Declare and apply all parameters; no topic is open yet."""
         self.errors = CallbackErrors(self.log_internal_error)
-        super().__init__(name, **place.arguments(name))
-        self.table, self.configured, self.place = table, configured, place
-        self.configuration: C = configured(table.declare(self), place.like)
+        super().__init__(name, **node_options.arguments(name))
+        self.table, self.configured, self.node_options = table, configured, node_options
+        self.configuration: C = configured(table.declare(self), node_options.sibling)
         self.candidate = self.configuration
         self.log = Log(self.get_logger())
         self.ready_at = math.inf  # s of a steady clock
         self.losses, self.shedding = Losses(), FrameShedding()
-        self.others = OtherDescriptions()
+        self.other_descriptions = OtherDescriptions()
         # Times of the settings of another node, while they are set here.
-        self.taken_over: dict[str, int] = {}
-        # Of nodes that share a process with others the one that owns them says it.
-        self.jumps = None if place.namespace else watch_time(self, self.note_jump)
+        self.adopted_times: dict[str, int] = {}
+        # Of the nodes in one process only their owner reports a jump.
+        self.jumps = None if node_options.namespace else watch_clock(self, self.log_jump)
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
@@ -101,8 +101,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         if self.sensors is not None:
             qos, kind = latched_qos(MOST_NODES), 'std_msgs/msg/String'
             subscription(self, kind, self.INFO_TOPIC, self.take_info, qos)
-        self.tell_model()
-        self.every(REPORT_PERIOD, self.diagnose)
+        self.publish_model_info()
+        self.call_every(REPORT_PERIOD, self.diagnose)
 
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[..., None], *arguments: Any, **named: Any
@@ -128,7 +128,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         """Log the first internal error of a kind, with its traceback."""
         self.get_logger().error(sentence)
 
-    def note_jump(self, sentence: str) -> None:
+    def log_jump(self, sentence: str) -> None:
         """Log a jump of ROS time."""
         self.log.warn('jump', sentence, time.monotonic())
 
@@ -137,18 +137,18 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         """Forget all readings; return a description of what was done."""
 
     @abstractmethod
-    def take_over(self, configuration: C) -> None:
+    def reconfigure(self, configuration: C) -> None:
         """Prepare the node for `configuration`, while the old one is still in use."""
 
     @abstractmethod
     def diagnose(self) -> None:
         """Publish the diagnostics of the node."""
 
-    def every(self, seconds: float, callback: Callable[[], None]) -> None:
+    def call_every(self, seconds: float, callback: Callable[[], None]) -> None:
         """Call back periodically by the steady clock, even if simulated time stands still."""
         self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def tell_ready(self) -> None:
+    def log_ready(self) -> None:
         """Log that the node is ready, and any unknown parameters."""
         unknown = self.unknown_parameters()
         if unknown:
@@ -159,7 +159,11 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def unknown_parameters(self) -> list[str]:
         """Return the names of given parameters that have no effect."""
-        return [name for name in without_effect(self) if name not in self.place.meant]
+        return [
+            name
+            for name in undeclared_overrides(self)
+            if name not in self.node_options.foreign_parameters
+        ]
 
     def reset(self, request: Any, response: Any) -> Any:
         """Serve ~/reset."""
@@ -202,18 +206,18 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     def use(self, configuration: C) -> None:
         """Switch to another model or other settings."""
         before = self.sensors
-        self.take_over(configuration)
+        self.reconfigure(configuration)
         self.configuration = configuration
         if before is not None and self.sensors is not None:
-            self.others.note_set(before, self.sensors, self.taken_over)
-        self.tell_model()
+            self.other_descriptions.note_set(before, self.sensors, self.adopted_times)
+        self.publish_model_info()
 
-    def tell_model(self) -> None:
+    def publish_model_info(self) -> None:
         """Publish which model is in use, for present and later subscribers."""
-        about = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
+        content = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
         if self.sensors is not None:
-            about['sensors_set_ns'] = self.others.set_ns
-        self.info.publish(String(data=json.dumps(about)))
+            content['sensors_set_ns'] = self.other_descriptions.set_ns
+        self.info.publish(String(data=json.dumps(content)))
 
     @property
     def sensors(self) -> dict[str, Any] | None:
@@ -222,7 +226,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def take_info(self, message: String) -> None:
         """Process the model_info of another node of this arm, and adopt its newer settings."""
-        newer, times = self.others.take(message.data)
+        newer, times = self.other_descriptions.take(message.data)
         sensors = self.sensors or {}
         changes = [
             Parameter(name, value=value)
@@ -231,9 +235,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         ]
         if not changes:
             return
-        self.taken_over = times
+        self.adopted_times = times
         result = self.set_parameters_atomically(changes)
-        self.taken_over = {}
+        self.adopted_times = {}
         if result.successful:
             names = ', '.join(f'{one.name} {one.value}' for one in changes)
             self.get_logger().info(f'copied from another node of this arm: {names}')
@@ -246,8 +250,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             f'{namespace.rstrip("/")}/{name}'
             for name, namespace in self.get_node_names_and_namespaces()
         }
-        own = self.get_fully_qualified_name()
-        return '; '.join(self.others.differences(own, self.sensors, running))
+        own_name = self.get_fully_qualified_name()
+        return '; '.join(self.other_descriptions.differences(own_name, self.sensors, running))
 
     def log_refusal(self, refusal: Refusal) -> None:
         """Log a kind of refusal when it first occurs, and again after a while."""
@@ -299,7 +303,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.diagnostics.publish(array)
 
 
-def watch_time(node: Any, say: Callable[[str], None]) -> Any:
+def watch_clock(node: Any, log: Callable[[str], None]) -> Any:
     """Report when the node's clock jumps back, or forward by more than a report period.
 
     A restarted simulator or a looping bag do so. Only messages stamped with the present use this
@@ -315,7 +319,7 @@ def watch_time(node: Any, say: Callable[[str], None]) -> Any:
 
     def report(jump: Any) -> None:
         seconds = 1e-9 * jump.delta.nanoseconds
-        say(
+        log(
             f'/clock jumped by {seconds:+.3f} s to {1e-09 * clock.now().nanoseconds:.3f} s; the '
             'node continues, because readings have their own stamps'
         )

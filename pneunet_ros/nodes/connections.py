@@ -18,19 +18,19 @@ def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
     shared: topics, in addition to the common ones, that may have several publishers.
     """
     own_name = node.get_fully_qualified_name()
-    known = list(node.get_node_names_and_namespaces())
-    if known.count((node.get_name(), node.get_namespace())) > 1:
+    running = list(node.get_node_names_and_namespaces())
+    if running.count((node.get_name(), node.get_namespace())) > 1:
         yield f'another node has the same name, {own_name}'
-    passed = {*SHARED_TOPICS, *shared}
-    own = Counter(publisher.topic_name for publisher in node.publishers)
+    excluded = {*SHARED_TOPICS, *shared}
+    own_topics = Counter(publisher.topic_name for publisher in node.publishers)
     topics = [
         topic
-        for topic, count in own.items()
-        if topic not in passed and node.count_publishers(topic) > count
+        for topic, count in own_topics.items()
+        if topic not in excluded and node.count_publishers(topic) > count
     ]
     if topics:
         yield f'another node also publishes {", ".join(sorted(topics))}'
-    for topic in sorted({item.topic_name for item in node.subscriptions} - passed):
+    for topic in sorted({item.topic_name for item in node.subscriptions} - excluded):
         pause()
         names = sorted(map(name_of, node.get_publishers_info_by_topic(topic)))
         if len(names) > 1:

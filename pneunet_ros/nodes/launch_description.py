@@ -47,10 +47,12 @@ def describe_launch(
         given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
         started = nodes(given)
         check_installed(started)
-        own = [item for item in started if getattr(item, 'node_package', None) == PACKAGE]
+        package_nodes = [
+            item for item in started if getattr(item, 'node_package', None) == PACKAGE
+        ]
         # What is above a relative one is known to whoever includes this launch alone.
-        if own and given['params_file'] and given['namespace'].startswith('/'):
-            names = [full_name(item.node_executable, given) for item in own]
+        if package_nodes and given['params_file'] and given['namespace'].startswith('/'):
+            names = [full_name(item.node_executable, given) for item in package_nodes]
             check_names_some(given['params_file'], names)
         return started
 
@@ -69,10 +71,10 @@ def check_installed(started: Iterable[Any]) -> None:
             continue
         executable = item.node_executable
         try:
-            there = Path(get_package_prefix(package), 'lib', package, executable).exists()
+            is_installed = Path(get_package_prefix(package), 'lib', package, executable).exists()
         except PackageNotFoundError:
-            there = False
-        if not there:
+            is_installed = False
+        if not is_installed:
             raise RequestError(
                 f'nothing was started, because {executable} of the package {package} is not '
                 'installed. Install it (sudo apt install '
@@ -113,12 +115,12 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
     would reject, and if params_file is not a file, because launch_ros would then start a node with
     other parameters than requested.
     """
-    wanted = {name: value for name, value in parameters.items() if value}
+    used = {name: value for name, value in parameters.items() if value}
     check_names(given)
-    check_parameters(executable, given, wanted)
+    check_parameters(executable, given, used)
     if is_true('use_sim_time', given):
-        wanted['use_sim_time'] = True
-    typed = {name: ParameterValue(value, value_type=type(value)) for name, value in wanted.items()}
+        used['use_sim_time'] = True
+    typed = {name: ParameterValue(value, value_type=type(value)) for name, value in used.items()}
     return Node(
         package=PACKAGE,
         executable=executable,
@@ -148,7 +150,7 @@ def check_names(given: Given) -> None:
         )
 
 
-def check_parameters(executable: str, given: Given, wanted: Mapping[str, Any]) -> None:
+def check_parameters(executable: str, given: Given, used: Mapping[str, Any]) -> None:
     """Raise PneunetError if a node of this package would reject its parameters or files.
 
     Those of params_file are known only in an absolute namespace.
@@ -165,9 +167,9 @@ def check_parameters(executable: str, given: Given, wanted: Mapping[str, Any]) -
         for name, value in in_file.items()
         if name in texts or not isinstance(value, str)
     }
-    configured(table.completed({**known, **wanted}), None)
+    configured(table.completed({**known, **used}), None)
     if hasattr(of_node, 'check_blocks'):
-        of_node.check_blocks({**known, **wanted})
+        of_node.check_blocks({**known, **used})
 
 
 def full_name(executable: str, given: Given) -> str:

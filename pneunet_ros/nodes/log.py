@@ -8,16 +8,16 @@ from typing import Any
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.printable import printable
 
-SAY_AGAIN = 60.0  # s
+REPEAT_PERIOD = 60.0  # s
 STARTING = 5.0  # s, until nodes that start together have all begun
 
 
 class Log:
-    """Writes to a logger of rclpy, a sentence of one kind at most once in `SAY_AGAIN` seconds."""
+    """Writes to a logger of rclpy, one of a kind at most every `REPEAT_PERIOD` seconds."""
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
-        self._said: dict[str, float] = {}
+        self._logged_at: dict[str, float] = {}
 
     def warn(self, kind: str, sentence: str, now: float) -> None:
         """Log a warning, unless one of its kind was logged recently; now: s of a steady clock."""
@@ -34,11 +34,11 @@ class Log:
         if refusal.awaits_others and since_ready < STARTING:
             self.warn(f'{refusal.reason} while starting', refusal.sentence, now)
             return
-        say = self.error if refusal.error else self.warn
-        say(refusal.reason, refusal.sentence, now)
+        write = self.error if refusal.error else self.warn
+        write(refusal.reason, refusal.sentence, now)
 
     def _is_new(self, kind: str, now: float) -> bool:
-        if now - self._said.get(kind, -math.inf) < SAY_AGAIN:
+        if now - self._logged_at.get(kind, -math.inf) < REPEAT_PERIOD:
             return False
-        self._said[kind] = now
+        self._logged_at[kind] = now
         return True

@@ -17,7 +17,7 @@ class Losses:
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
         self._several: set[str] = set()  # topics whose last number may be of one that is gone
-        self._new: Counter[str] = Counter()
+        self._unreported: Counter[str] = Counter()
         self.total: Counter[str] = Counter()
 
     def take(
@@ -41,12 +41,12 @@ class Losses:
         elif topic in self._several:
             self._several.remove(topic)
         else:
-            self._new[topic] += missing
+            self._unreported[topic] += missing
             self.total[topic] += missing
 
     def sentence(self) -> str:
         """Describe the messages lost since the last call; empty if none."""
-        lost, self._new = self._new, Counter()
+        lost, self._unreported = self._unreported, Counter()
         return '; '.join(
             f'{count} message{"s" if count > 1 else ""} on {topic} lost'
             for topic, count in sorted(lost.items())

@@ -91,7 +91,7 @@ class ParameterTable:
     def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values of all parameters; RequestError names one with a wrong type."""
         values = {
-            item.name: of_declared(given.get(item.name, item.default)) for item in self.fields
+            item.name: setting_value(given.get(item.name, item.default)) for item in self.fields
         }
         for item in self.fields:
             if type(values[item.name]) is not type(item.default):
@@ -107,7 +107,7 @@ class ParameterTable:
     def values(self, node: Any) -> dict[str, Any]:
         """Return the values of all parameters by name."""
         return {
-            item.name: of_declared(node.get_parameter(item.name).value) for item in self.fields
+            item.name: setting_value(node.get_parameter(item.name).value) for item in self.fields
         }
 
     def settings(self, given: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -121,7 +121,7 @@ class ParameterTable:
         )
 
 
-def of_declared(value: Any) -> Any:
+def setting_value(value: Any) -> Any:
     """Return a parameter value in the form used by the settings: a list as a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
@@ -132,7 +132,7 @@ def overrides(node: Any) -> Mapping[str, Any]:
     return given
 
 
-def without_effect(node: Any) -> list[str]:
+def undeclared_overrides(node: Any) -> list[str]:
     """Return the given names that are not parameters of a node, after all were declared."""
     return sorted(name for name in overrides(node) if not node.has_parameter(name))
 
@@ -150,7 +150,7 @@ GRAVITY = (
 )
 
 
-def known_model(model_file: str, effects_path: str, gravity: str = '') -> Arm:
+def arm_from_file(model_file: str, effects_path: str, gravity: str = '') -> Arm:
     """Return the arm of a model file, with effects of the library and of a user's folder."""
     if effects_path:
         add_effects(effects_path)

@@ -47,11 +47,11 @@ def missed_node(path: str | Path, node: str) -> str:
         names = _names_in_file(path)
     except PneunetError:  # ROS has read the file, and says itself what it does not like
         return ''
-    own = node.rpartition('/')[2]
-    meant = [name for name in names if name.rpartition('/')[2] == own]
-    if not meant or any(_matches(name, node) for name in names):
+    base_name = node.rpartition('/')[2]
+    same_base = [name for name in names if name.rpartition('/')[2] == base_name]
+    if not same_base or any(_matches(name, node) for name in names):
         return ''
-    return f'{path} {_names_none(meant, [node])}'
+    return f'{path} {_names_none(same_base, [node])}'
 
 
 def params_files(arguments: Sequence[str]) -> list[str]:

@@ -29,13 +29,13 @@ class PressureZero:
     def __init__(self, node: Any, in_use: Callable[[], tuple[Arm, EstimatorSettings]]) -> None:
         self._node, self._in_use = node, in_use
         self._recent: deque[PressureReading] = deque(maxlen=MOST_READINGS)
-        self._at = -math.inf  # s of a steady clock
+        self._received_at = -math.inf  # s of a steady clock
         node.create_service(Trigger, '~/zero_pressure', self.serve)
 
     def take(self, reading: PressureReading) -> None:
         """Store a reading."""
         self._recent.append(reading)
-        self._at = time.monotonic()
+        self._received_at = time.monotonic()
 
     def forget(self) -> None:
         """Forget all readings."""
@@ -45,7 +45,7 @@ class PressureZero:
         """Serve ~/zero_pressure."""
         arm, settings = self._in_use()
         readings: tuple[PressureReading, ...] = ()
-        if self._recent and time.monotonic() - self._at <= settings.input_timeout:
+        if self._recent and time.monotonic() - self._received_at <= settings.input_timeout:
             last = self._recent[-1].stamp_ns
             readings = tuple(
                 reading

@@ -85,9 +85,9 @@ def _start_ros(arguments: list[str]) -> None:
         # Errors of rcl end with the lines of its sources they passed through.
         reason = re.sub(r'failed to initialize rcl: |, at /\S+:\d+', '', str(error))
         raise RequestError(f'invalid ROS arguments: {reason}', reason='usage') from error
-    others = remove_ros_args(arguments)[1:]
-    if others:
+    unknown = remove_ros_args(arguments)[1:]
+    if unknown:
         raise RequestError(
-            f'unknown argument {others[0]}: parameters and names are given after --ros-args',
+            f'unknown argument {unknown[0]}: parameters and names are given after --ros-args',
             reason='usage',
         )

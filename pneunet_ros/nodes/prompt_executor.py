@@ -38,7 +38,7 @@ Call = Callable[[], None]
 Result = TypeVar('Result')
 
 
-class AtOnce(MutuallyExclusiveCallbackGroup):
+class ImmediateGroup(MutuallyExclusiveCallbackGroup):
     """Callback group of one subscription, whose callback takes a message and its info.
 
     order: common processing order of related subscriptions; topic: name within that order; errors:
@@ -66,17 +66,17 @@ class AtOnce(MutuallyExclusiveCallbackGroup):
     def take_from(self, subscription: Any) -> bool:
         """Take a message into the queue; return whether there may be more."""
         try:
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken and self.read is not None:
-                taken = self.read(taken[0]), taken[1]
+            received = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if received and self.read is not None:
+                received = self.read(received[0]), received[1]
         except Exception as error:
             if self.errors is None:
                 raise
             self.errors.note(error)
             return False
-        if taken:
-            self.add(subscription.callback, *taken)
-        return bool(taken)
+        if received:
+            self.add(subscription.callback, *received)
+        return bool(received)
 
     def add(self, callback: Callable[..., None], message: Any, info: Mapping[str, int]) -> None:
         """Queue a received message."""
@@ -104,7 +104,7 @@ class Queue:
     def fill(self) -> None:
         """Receive all available messages."""
         found = True
-        while found:  # until nothing came meanwhile: it may be older than what is there
+        while found:  # until no message came meanwhile: it may be older than those received
             found, self.until_ns = False, time.time_ns()
             for item in self.subscriptions:
                 while item.callback_group.take_from(item):
@@ -124,7 +124,7 @@ class Queue:
         return call is not None
 
 
-class AtWork(NamedTuple):
+class RunningCallback(NamedTuple):
     """A callback in progress: its queues, its patience, and its start time."""
 
     queues: Collection[Queue]
@@ -142,7 +142,7 @@ class AtWork(NamedTuple):
 
 
 class PromptExecutor(SingleThreadedExecutor):
-    """Runs timers and AtOnce subscriptions; the executor of rclpy does the rest.
+    """Runs timers and immediate subscriptions; the executor of rclpy does the rest.
 
     Of several nodes, the message that arrived first is processed first, allowing for the patience
     of its node. In the pauses of a callback (`core.pauses`), more urgent messages of other nodes
@@ -159,17 +159,17 @@ class PromptExecutor(SingleThreadedExecutor):
         self._signal = SignalHandlerGuardCondition(self.context)
         self._changed = True  # entities, since they were listed
         self._queues: list[Queue] = []
-        self._at_work: list[AtWork] = []  # the last one in a pause of the one before it
-        self._prompt: list[Any] = []  # subscriptions of a group AtOnce
+        self._running: list[RunningCallback] = []  # each runs in a pause of the one before it
+        self._prompt: list[Any] = []  # immediate subscriptions
         self._other: list[Any] = []  # subscriptions
         self._timers: list[Any] = []
-        self._owners: list[Any] = []  # the node of each timer
+        self._timer_nodes: list[Any] = []  # the node of each timer
         self._services: list[Any] = []
-        self._polled = False  # some node is
-        self._settling: list[Any] = []  # nodes that leave work for when no message waits
-        self._sets: dict[bool, Any] = {}
+        self._polled = False  # whether some node is
+        self._settling: list[Any] = []  # nodes that defer work until no message waits
+        self._wait_sets: dict[bool, Any] = {}
         self._prompt_until_ns = self._services_due_ns = self._pause_ns = 0
-        self._due_ns: int | None = None  # when a message has waited for another long enough
+        self._due_ns: int | None = None  # when a message need not wait for another any longer
         self.context.on_shutdown(self.wake)
 
     def wake(self) -> None:
@@ -193,47 +193,47 @@ class PromptExecutor(SingleThreadedExecutor):
         if self._changed:
             self.list_entities()
         begin_ns = time.time_ns()
-        whole = begin_ns >= min(self._prompt_until_ns, self._services_due_ns)
+        with_services = begin_ns >= min(self._prompt_until_ns, self._services_due_ns)
         late = self._due_ns is not None and self._due_ns <= begin_ns
-        waiting = self.wait(begin_ns, whole=whole)
+        waiting = self.wait(begin_ns, with_services=with_services)
         looked_ns = begin_ns if late else time.time_ns()
         arrived = set(waiting.get_ready_entities('subscription'))
-        asked = whole and bool(waiting.get_ready_entities('service'))
-        if self.call_messages(arrived, looked_ns, all_arrived=asked):
+        has_request = with_services and bool(waiting.get_ready_entities('service'))
+        if self.call_messages(arrived, looked_ns, all_arrived=has_request):
             self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
         elif (node := self.unsettled()) is not None:
-            self.work(self.at_work_beside(node), node.settle)
+            self.work(self.background_work(node), node.settle)
         ready = set(waiting.get_ready_entities('timer'))
-        for timer, node in list(zip(self._timers, self._owners, strict=True)):
+        for timer, node in list(zip(self._timers, self._timer_nodes, strict=True)):
             if timer.handle.pointer in ready:
                 self.call_timer(timer, node)
                 if not self._changed:
                     self.call_some(self._queues)
-        if not whole:
+        if not with_services:
             return
         self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
-        others = {item.handle.pointer for item in self._other}
+        other_handles = {item.handle.pointer for item in self._other}
         for _ in range(POLLS * self._polled):
             self.spin_once(timeout_sec=0)
-        if asked or not others.isdisjoint(arrived):
+        if has_request or not other_handles.isdisjoint(arrived):
             self.spin_once(timeout_sec=0)
 
-    def wait(self, begin_ns: int, *, whole: bool) -> Any:
-        """Wait for messages and timers; whole: also for services."""
-        waiting = self._sets[whole]
+    def wait(self, begin_ns: int, *, with_services: bool) -> Any:
+        """Wait for messages and timers, and possibly for services."""
+        waiting = self._wait_sets[with_services]
         waiting.clear_entities()
-        for item in [*self._prompt, *self._other] if whole else self._prompt:
+        for item in [*self._prompt, *self._other] if with_services else self._prompt:
             waiting.add_subscription(item.handle)
         for item in self._timers:
             waiting.add_timer(item.handle)
-        for item in self._services if whole else ():
+        for item in self._services if with_services else ():
             waiting.add_service(item.handle)
         waiting.add_guard_condition(self._wake.handle)
         waiting.add_guard_condition(self._signal.handle)
         ends = [] if self._due_ns is None else [self._due_ns]
         if self.unsettled() is not None:
             ends.append(begin_ns)
-        if not whole:
+        if not with_services:
             ends.append(self._services_due_ns)
         elif self._polled:
             ends.append(begin_ns + POLL_NS)
@@ -255,28 +255,28 @@ class PromptExecutor(SingleThreadedExecutor):
         any_called, more = self.call_in_turn(self._queues, end_ns)
         if more and all_arrived:
             self.call_arrived(self._queues)
-        elif more:  # and their turn is next
+        elif more:  # their turn is next
             self._due_ns = now_ns
         return any_called
 
     def call_in_turn(self, queues: Iterable[Queue], end_ns: int) -> tuple[bool, bool]:
         """Run callbacks of queues until a time; return whether any ran, and whether more wait."""
         turns = [
-            (queue.turn_ns, place, queue)
-            for place, queue in enumerate(queues)
+            (queue.turn_ns, index, queue)
+            for index, queue in enumerate(queues)
             if queue.order.first_ns is not None
         ]
         heapify(turns)
         any_called = False
         while turns and time.time_ns() < end_ns and not self._changed:
-            turn_ns, place, queue = turns[0]
-            if turn_ns == queue.turn_ns:  # else some of it had their turn in a pause
-                at_work = AtWork([queue], queue.patience_ns, time.time_ns())
-                if not self.work(at_work, queue.call_next):
+            turn_ns, index, queue = turns[0]
+            if turn_ns == queue.turn_ns:  # else a pause has processed its first message
+                running = RunningCallback([queue], queue.patience_ns, time.time_ns())
+                if not self.work(running, queue.call_next):
                     heappop(turns)
                     continue
                 any_called = True
-            heapreplace(turns, (queue.turn_ns, place, queue))
+            heapreplace(turns, (queue.turn_ns, index, queue))
             if turns[0][0] == NEVER:
                 break
         dues = [queue.order.due_ns for queue in self._queues]
@@ -301,13 +301,13 @@ class PromptExecutor(SingleThreadedExecutor):
             arrivals = [queue.order.first_ns for queue in queues]
             more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
 
-    def work(self, at_work: AtWork, call: Callable[[], Result]) -> Result:
+    def work(self, running: RunningCallback, call: Callable[[], Result]) -> Result:
         """Run a callback while the messages of its queues wait."""
-        self._at_work.append(at_work)
+        self._running.append(running)
         try:
             return call()
         finally:
-            self._at_work.pop()
+            self._running.pop()
 
     def call_urgent(self) -> None:
         """Process messages more urgent than the running callbacks, in a pause of the last one.
@@ -315,14 +315,14 @@ class PromptExecutor(SingleThreadedExecutor):
         While messages wait, they get a fixed multiple of the time of the callback, which must end.
         """
         now_ns = time.time_ns()
-        if now_ns < self._pause_ns or not self._at_work:
+        if now_ns < self._pause_ns or not self._running:
             return
-        worked_ns = now_ns - max(self._at_work[-1].begin_ns, self._pause_ns - PAUSE_NS)
+        worked_ns = now_ns - max(self._running[-1].begin_ns, self._pause_ns - PAUSE_NS)
         self.call_arrived(
             [
                 queue
                 for queue in self._queues
-                if all(one.yields_to(queue, now_ns) for one in self._at_work)
+                if all(one.yields_to(queue, now_ns) for one in self._running)
             ],
             now_ns + max(LOOK_AGAIN_NS, LOOKS * worked_ns),
         )
@@ -338,12 +338,12 @@ class PromptExecutor(SingleThreadedExecutor):
                 timer.handle.call_timer()
         except InvalidHandle:
             return
-        self.work(self.at_work_beside(node), timer.callback)
+        self.work(self.background_work(node), timer.callback)
 
-    def at_work_beside(self, node: Any) -> AtWork:
+    def background_work(self, node: Any) -> RunningCallback:
         """Return work of a node that yields to the messages of all other nodes."""
-        own = [queue for queue in self._queues if queue.node is node]
-        return AtWork(own, NEVER, time.time_ns())
+        own_queues = [queue for queue in self._queues if queue.node is node]
+        return RunningCallback(own_queues, NEVER, time.time_ns())
 
     def unsettled(self) -> Any | None:
         """Return a node with deferred work; None if there is none."""
@@ -356,13 +356,13 @@ class PromptExecutor(SingleThreadedExecutor):
         self._settling = [node for node in nodes if hasattr(node, 'settle')]
         self._polled = any(getattr(node, 'is_polled', False) for node in nodes)
         subscriptions = [item for node in nodes for item in node.subscriptions]
-        self._prompt = [item for item in subscriptions if is_at_once(item)]
-        self._other = [item for item in subscriptions if not is_at_once(item)]
+        self._prompt = [item for item in subscriptions if is_immediate(item)]
+        self._other = [item for item in subscriptions if not is_immediate(item)]
         self._timers = [item for node in nodes for item in node.timers]
-        self._owners = [node for node in nodes for _ in node.timers]
+        self._timer_nodes = [node for node in nodes for _ in node.timers]
         self._services = [item for node in nodes for item in node.services]
         self._queues = queues_of(nodes)
-        self._sets = {
+        self._wait_sets = {
             False: self.wait_set(len(self._prompt), 0),
             True: self.wait_set(len(subscriptions), len(self._services)),
         }
@@ -374,16 +374,16 @@ class PromptExecutor(SingleThreadedExecutor):
 
 
 def queues_of(nodes: Iterable[Any]) -> list[Queue]:
-    """Return the queues of the subscriptions of nodes in groups AtOnce."""
+    """Return the queues of the immediate subscriptions of nodes."""
     queues: dict[int, Queue] = {}
     for node in nodes:
-        for item in filter(is_at_once, node.subscriptions):
+        for item in filter(is_immediate, node.subscriptions):
             group = item.callback_group
             queue = Queue(node, group.order, group.patience_ns)
             queues.setdefault(id(group.order), queue).subscriptions.append(item)
     return list(queues.values())
 
 
-def is_at_once(subscription: Any) -> bool:
+def is_immediate(subscription: Any) -> bool:
     """Whether the executor calls this callback directly."""
-    return isinstance(subscription.callback_group, AtOnce)
+    return isinstance(subscription.callback_group, ImmediateGroup)

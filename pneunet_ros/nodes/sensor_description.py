@@ -38,7 +38,7 @@ class OtherDescriptions:
     """
 
     def __init__(self) -> None:
-        self._said: dict[str, Mapping[str, Any]] = {}
+        self._descriptions: dict[str, Mapping[str, Any]] = {}
         self.set_ns: dict[str, int] = {}
 
     def note_set(
@@ -49,17 +49,17 @@ class OtherDescriptions:
         new = (name for name, value in after.items() if before.get(name) != value)
         self.set_ns |= {name: times.get(name, now_ns) for name in new}
 
-    def take(self, words: str) -> tuple[dict[str, Any], dict[str, int]]:
+    def take(self, text: str) -> tuple[dict[str, Any], dict[str, int]]:
         """Process the `model_info` of another node; return its newer settings, with their times.
 
-        words: the `model_info`, as JSON.
+        text: the `model_info`, as JSON.
         """
         try:
-            about = json.loads(words)
-            described = self._said[about['node']] = dict(about['sensors'])
+            content = json.loads(text)
+            described = self._descriptions[content['node']] = dict(content['sensors'])
             times = {
                 name: int(at_ns)
-                for name, at_ns in about.get('sensors_set_ns', {}).items()
+                for name, at_ns in content.get('sensors_set_ns', {}).items()
                 if int(at_ns) > self.set_ns.get(name, 0)
             }
             return {name: described[name] for name in times}, times
@@ -67,20 +67,20 @@ class OtherDescriptions:
             return {}, {}  # of a node without sensors, or of another program
 
     def differences(
-        self, own: str, sensors: Mapping[str, Any], running: Collection[str]
+        self, own_name: str, sensors: Mapping[str, Any], running: Collection[str]
     ) -> Iterator[str]:
         """Describe how the settings of other nodes differ.
 
-        own: full name of this node; sensors: its description; running: full names of running
+        own_name: full name of this node; sensors: its description; running: full names of running
         nodes.
         """
-        for node, described in sorted(self._said.items()):
-            if node == own or node not in running:
+        for node, described in sorted(self._descriptions.items()):
+            if node == own_name or node not in running:
                 continue
-            other = [
+            differing = [
                 f'{name} {described[name]} (here {value})'
                 for name, value in sensors.items()
                 if described.get(name, value) != value
             ]
-            if other:
-                yield f'{node} has {", ".join(other)}: use the same values for both nodes'
+            if differing:
+                yield f'{node} has {", ".join(differing)}: use the same values for both nodes'

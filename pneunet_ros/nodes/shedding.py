@@ -26,7 +26,7 @@ class FrameShedding:
     def __init__(self) -> None:
         self.backlog: Callable[[], tuple[int, int]] = lambda: (0, 0)
         self.total = 0
-        self._new = 0
+        self._unreported = 0
         self._late = False
 
     def sheds(self, take: Callable[..., None], note: Callable[[Any], None]) -> Callable[..., None]:
@@ -39,7 +39,7 @@ class FrameShedding:
         def call(message: Any, info: Any) -> None:
             if self.is_late():
                 self.total += 1
-                self._new += 1
+                self._unreported += 1
                 note(info)
             else:
                 take(message, info)
@@ -55,7 +55,7 @@ class FrameShedding:
 
     def sentence(self) -> str:
         """Report frames dropped since the last call, and readings that wait; empty if none."""
-        new, self._new = self._new, 0
+        new, self._unreported = self._unreported, 0
         count, span_ns = self.backlog()
         facts = []
         if new:

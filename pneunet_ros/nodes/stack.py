@@ -26,8 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv if arguments is None else arguments
     end = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
     named = [name for name in NODES if name in arguments[1:end]] or DEFAULT
-    others = [argument for argument in arguments[1:end] if argument not in NODES]
-    return start(*named, usage=USAGE, arguments=[arguments[0], *others, *arguments[end:]])
+    unknown = [argument for argument in arguments[1:end] if argument not in NODES]
+    return start(*named, usage=USAGE, arguments=[arguments[0], *unknown, *arguments[end:]])
 
 
 if __name__ == '__main__':

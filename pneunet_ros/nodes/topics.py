@@ -25,7 +25,7 @@ from pneunet_ros.messages.readings import (
     PRESSURE,
     TARGETS,
 )
-from pneunet_ros.nodes.prompt_executor import AtOnce
+from pneunet_ros.nodes.prompt_executor import ImmediateGroup
 from pneunet_ros.nodes.ros_types import deserialize, message_class
 from pneunet_ros.nodes.shedding import MOST_WAITING
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -77,7 +77,7 @@ def subscription(
     callback: Callable[..., None],
     qos: QoSProfile,
     policies: tuple[QoSPolicyKind, ...] = POLICIES,
-    group: AtOnce | None = None,
+    group: ImmediateGroup | None = None,
 ) -> Any:
     """Create a subscription with QoS of which parameters can override `policies`.
 
@@ -96,10 +96,10 @@ def subscription(
 
 def group_of(
     node: Any, order: ArrivalOrder[Any], topic: str, read: Callable[[bytes], Any] | None = None
-) -> AtOnce:
+) -> ImmediateGroup:
     """Return the callback group of a subscription; read: decodes raw messages."""
     patience_ns = round(getattr(node, 'PATIENCE', 0.0) * NANOSECONDS_PER_SECOND)
-    return AtOnce(order, topic, getattr(node, 'errors', None), patience_ns, read)
+    return ImmediateGroup(order, topic, getattr(node, 'errors', None), patience_ns, read)
 
 
 def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:

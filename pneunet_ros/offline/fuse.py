@@ -75,7 +75,7 @@ class FusionDiagnostics(Diagnostics):
     def note(self, step: FusionStep) -> None:
         """Record the outcome of a step."""
         sensor = self._topics[step.message.topic]
-        self._health.took(sensor.name, step.outcome, self.clock.now, None)
+        self._health.record(sensor.name, step.outcome, self.clock.now, None)
 
     def report(self, last: FusionStep) -> Report:
         """Report on the time since the last report; last: the last step."""

@@ -167,10 +167,10 @@ class EstimatorDiagnostics(Diagnostics):
         self._consistency = step.consistency
         sensor = self._inputs[step.message.topic]
         if sensor is PRESSURE and outcome is not None:
-            self._health.took_pressure(outcome, now, None)
+            self._health.record_pressure(outcome, now, None)
         elif not isinstance(outcome, ShapeEstimate):
             if sensor is END_WRENCH:
-                self._health.took_wrench(outcome, now)
+                self._health.record_wrench(outcome, now)
             elif outcome is not None:
                 self._health.note_refusal(outcome)
 

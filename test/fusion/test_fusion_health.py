@@ -50,7 +50,7 @@ def fused(mode=Mode.FUSED, ambiguous=False, force=(0.1, 0.05), wrench_age=None, 
 def report_of(outcome, state=None, at=100.1, now=100.2):
     """Return what is reported after one outcome of a pressure."""
     health = FusionHealth('/p/pressure', '/p/targets', 100.0)
-    health.took('pressure', outcome, at, 0.001)
+    health.record('pressure', outcome, at, 0.001)
     return health.report(state or FusionState(), FUSION, now)
 
 
@@ -126,11 +126,11 @@ def test_silence_is_an_error_and_what_belongs_to_an_estimate_is_empty():
 def test_a_running_nis_beyond_noise_is_told_once_for_each_new_frame():
     nis = RunningNis(stamp_ns=1, weight=5.0, last=9.0, mean=4.0, limit=2.0)
     health, state = FusionHealth('/p', '/t', 100.0), FusionState(nis=nis)
-    health.took('pressure', fused(), 100.1, 0.001)
+    health.record('pressure', fused(), 100.1, 0.001)
     report = health.report(state, FUSION, 100.2)
     assert report.level == Level.WARN
     assert [report.values[name] for name in ('nis', 'nis_mean', 'nis_limit')] == ['9', '4', '2']
-    health.took('pressure', fused(), 100.3, 0.001)
+    health.record('pressure', fused(), 100.3, 0.001)
     assert health.report(state, FUSION, 100.4).level == Level.OK
 
 

@@ -157,7 +157,7 @@ def test_effects_can_come_and_go_while_it_lives():
     held = lab(('creep', 'softening'))
     state = held.step(held.begin(), 2.0, 5e4)
     other = lab(('softening', 'hysteresis'))
-    later = other.take_over(state)
+    later = other.reconfigure(state)
     assert later.past['softening'] == pytest.approx(state.past['softening'])
     assert set(later.past) == {'softening', 'hysteresis'}
     assert (later.time, later.pressure, later.load) == (state.time, state.pressure, state.load)

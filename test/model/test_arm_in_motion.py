@@ -301,14 +301,14 @@ def test_mujoco_swings_alike_through_steps_of_40_kilopascals(force):
 def test_diagnostics_say_how_the_arm_moves():
     health, found = EstimatorHealth('/pressure', 0.0), estimates(moving(), step_of(1e4, 3e4, 40))
     for estimate in found:
-        health.took_pressure(estimate, 0.1, 1e-4)
+        health.record_pressure(estimate, 0.1, 1e-4)
     values = health.report(EstimatorState(), UNLOADED, 0.2).values
     assert float(values['settled']) == pytest.approx(
         np.mean([one.motion.settled for one in found]), abs=1e-3
     )
     assert float(values['frequency_hz']) == pytest.approx(found[-1].motion.modes().hertz, rel=1e-3)
     assert float(values['decay_time_s']) > 0.1
-    health.took_pressure(estimates(paper_arm(), np.full(1, 1e4))[0], 0.3, 1e-4)
+    health.record_pressure(estimates(paper_arm(), np.full(1, 1e4))[0], 0.3, 1e-4)
     assert not any(
         health.report(EstimatorState(), UNLOADED, 0.4).values[name]
         for name in ('settled', 'frequency_hz', 'decay_time_s')

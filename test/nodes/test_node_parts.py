@@ -140,14 +140,14 @@ def test_health_is_an_error_until_there_are_estimates_again():
     state, settings = EstimatorState(), EstimatorSettings(input_timeout=0.5)
     assert health.report(state, settings, 100.4).level == Level.OK
     assert health.report(state, settings, 101.0).level == Level.ERROR
-    health.took_pressure(random_estimate(), 101.1, 0.001)
+    health.record_pressure(random_estimate(), 101.1, 0.001)
     report = health.report(state, settings, 101.2)
     assert report.level == Level.OK
     assert float(report.values['rate_hz']) == pytest.approx(5.0)
-    health.took_pressure(error_at(), 101.3, 0.001)
+    health.record_pressure(error_at(), 101.3, 0.001)
     assert health.report(state, settings, 101.4).level == Level.ERROR
     assert health.report(state, settings, 101.5).level == Level.ERROR
-    health.took_pressure(random_estimate(), 101.6, 0.001)
+    health.record_pressure(random_estimate(), 101.6, 0.001)
     assert health.report(state, settings, 101.7).level == Level.OK
     assert health.report(state, settings, 105.0).level == Level.ERROR
 
@@ -155,7 +155,7 @@ def test_health_is_an_error_until_there_are_estimates_again():
 def test_pressure_that_cannot_be_used_is_silence():
     health = EstimatorHealth('/pressure', 100.0)
     dropped = Refusal(stamp_ns=1, reason='not_finite', sentence='holds NaN', error=False)
-    health.took_pressure(dropped, 100.4, 0.001)
+    health.record_pressure(dropped, 100.4, 0.001)
     report = health.report(EstimatorState(), EstimatorSettings(), 101.0)
     assert report.level == Level.ERROR
     assert report.message.endswith(dropped.sentence)
@@ -168,7 +168,7 @@ def frames(health, count, now, missing=(), reason=''):
         tracking = Tracking(
             sightings=random_sightings(seen), curve=None, reason=reason, sentence=f'it is {reason}'
         )
-        health.took_image(tracking, now)
+        health.record_image(tracking, now)
 
 
 def test_the_tracker_is_well_while_all_targets_are_seen():
@@ -222,7 +222,7 @@ def test_the_tracker_tells_of_what_was_refused_once(error, level):
 def test_the_tracker_is_an_error_until_images_can_be_looked_at_again():
     health, state = TrackerHealth('/image', 100.0), TrackerState()
     refusal = Refusal(stamp_ns=1, reason='wrong_size', sentence='wrong size', error=True)
-    health.took_image(refusal, 100.1)
+    health.record_image(refusal, 100.1)
     for now in (101.0, 102.0):
         assert health.report(state, now).message == refusal.sentence
     frames(health, 1, 102.1)
@@ -326,9 +326,9 @@ import rclpy
 from pneunet_ros.nodes.estimator import node as estimator
 
 made, told = [], []
-configured, tell = estimator.configured_estimator, estimator.EstimatorNode.tell_model
+configured, tell = estimator.configured_estimator, estimator.EstimatorNode.publish_model_info
 estimator.configured_estimator = lambda *given: made.append(given) or configured(*given)
-estimator.EstimatorNode.tell_model = lambda self: told.append(self) or tell(self)
+estimator.EstimatorNode.publish_model_info = lambda self: told.append(self) or tell(self)
 rclpy.init()
 node = estimator.EstimatorNode()
 print('made', len(made), 'told', len(told))

@@ -15,7 +15,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from pneunet_ros.core.arrivals import ArrivalOrder, LONGEST_WAIT_NS  # noqa: E402
 from pneunet_ros.core.pauses import pause, work_in_pauses  # noqa: E402
-from pneunet_ros.nodes.prompt_executor import AtOnce, LONG_NS, PromptExecutor  # noqa: E402
+from pneunet_ros.nodes.prompt_executor import ImmediateGroup, LONG_NS, PromptExecutor  # noqa: E402
 from pneunet_ros.nodes.topics import input_qos, output_qos, subscription  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -69,7 +69,7 @@ def test_messages_that_wait_are_taken_in_one_turn_in_the_order_of_arrival(execut
             topic,
             lambda message, info: heard.append(message.data),
             output_qos(),
-            group=AtOnce(order, topic),
+            group=ImmediateGroup(order, topic),
         )
     out = {topic: node.create_publisher(String, topic, 10) for topic in ('wrench', 'pressure')}
     turn_until(executor, node, lambda: all(one.get_subscription_count() for one in out.values()))
@@ -88,7 +88,7 @@ def test_of_one_stamp_the_wrench_is_taken_first_though_it_arrives_last(executor,
     order, out, heard = ArrivalOrder(list(kinds), 'pressure'), {}, []
 
     def listen(topic):
-        group = AtOnce(order, topic)
+        group = ImmediateGroup(order, topic)
 
         def take(message, info):
             heard.append((topic, info['received_timestamp']))
@@ -138,7 +138,7 @@ def test_in_pauses_of_a_callback_more_urgent_messages_of_others_have_their_turn(
         taken.callback = lambda message, info: heard.append('work')
 
     def listen(topic, callback, patience_ns):
-        group = AtOnce(ArrivalOrder([topic]), topic, patience_ns=patience_ns)
+        group = ImmediateGroup(ArrivalOrder([topic]), topic, patience_ns=patience_ns)
         out[topic] = node.create_publisher(String, topic, 10)
         return subscription(node, STRING, topic, callback, output_qos(), group=group)
 
@@ -201,7 +201,7 @@ def test_timers_services_and_other_subscriptions_have_their_turns(executor, node
 
 def test_timers_have_their_turns_beside_a_backlog(executor, node):
     called, order = [], ArrivalOrder(['words'])
-    group = AtOnce(order, 'words')
+    group = ImmediateGroup(order, 'words')
     subscription(node, STRING, 'words', lambda message, info: None, input_qos(), group=group)
     for number in range(5):
         node.create_timer(0.01, partial(called.append, number))

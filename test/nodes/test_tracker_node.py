@@ -374,7 +374,7 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
         outputs={name: out(name) for name in ('targets', *CURVES)},
         annotated=out('image_annotated'),
         health=SimpleNamespace(
-            published=lambda latency: None, took_image=lambda outcome, now: None
+            published=lambda latency: None, record_image=lambda outcome, now: None
         ),
         note_message=lambda topic, info: None,
     )

@@ -111,7 +111,7 @@ VALUES_OF_EVERY_NODE = (
 
 def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health = EstimatorHealth('/pressure', 0.0)
-    health.took_pressure(random_estimate(3), 0.1, 0.001)
+    health.record_pressure(random_estimate(3), 0.1, 0.001)
     state, consistency = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
     report = health.report(state, EstimatorSettings(), 0.2, consistency)
     assert sorted(values('estimator')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])

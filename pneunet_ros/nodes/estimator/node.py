@@ -38,7 +38,7 @@ from pneunet_ros.nodes.estimator.configuration import (
     share_arm_and_settings,
 )
 from pneunet_ros.nodes.estimator.warm_up import warm_up
-from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
 from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import has_message, RCLPY_TYPES, serialize
@@ -57,9 +57,9 @@ ROS parameters, as in
 class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     """Feeds readings to an `Estimator` and publishes the estimate in the same callback."""
 
-    def __init__(self, place: Place = ALONE) -> None:
+    def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""
-        super().__init__('estimator', PARAMETERS, configured_estimator, place)
+        super().__init__('estimator', PARAMETERS, configured_estimator, node_options)
         self.state = EstimatorState()
         self.consistency = ConsistencyState()
 
@@ -98,7 +98,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             if sensor.needed(settings):
                 takes[sensor] = take
         subscribe_in_order(self, takes)
-        self.tell_ready()
+        self.log_ready()
 
     def take_gravity(self, sensor: Input[Any], message: Any, info: dict[str, int]) -> None:
         """Take a message with the direction of gravity."""
@@ -119,7 +119,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.state, refusal = self.configuration.estimator.step(self.state, reading)
         self.note_reset(resets)
         assert not isinstance(refusal, ShapeEstimate)
-        self.health.took_wrench(refusal, time.monotonic())
+        self.health.record_wrench(refusal, time.monotonic())
         if refusal is not None:
             self.log_refusal(refusal)
 
@@ -129,14 +129,14 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if reading is None:
             return
         resets = self.state.resets
-        begin = time.monotonic()
+        start = time.monotonic()
         self.state, outcome = self.configuration.estimator.step(self.state, reading)
         end = time.monotonic()
         assert outcome is not None
         if isinstance(outcome, ShapeEstimate):
             self.outputs.publish(outcome, end)
             self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
-        self.health.took_pressure(outcome, end, end - begin)
+        self.health.record_pressure(outcome, end, end - start)
         estimator = self.configuration.estimator
         if estimator.settings.watch_targets:
             self.note_consistency(take_estimate(self.consistency, estimator, outcome))
@@ -209,9 +209,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.zero.forget()
         return 'the estimator was reset'
 
-    def take_over(self, configuration: EstimatorConfiguration) -> None:
+    def reconfigure(self, configuration: EstimatorConfiguration) -> None:
         """Keep the still valid part of the state, and use the new rate."""
-        self.state = configuration.take_over(self.state, self.configuration)
+        self.state = configuration.carry_over(self.state, self.configuration)
         if not share_arm_and_settings(configuration, self.configuration):
             self.consistency = self.consistency.fresh()
         self.outputs.centerline_rate = configuration.node.centerline_rate

@@ -23,7 +23,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     arm = estimator.arm
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
-    further = middle + 0.01 * (high - low)
+    shifted = middle + 0.01 * (high - low)
     BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0).continue_in_load()
     force_x, force_y, moment = load_inside(arm)
     readings = (
@@ -35,7 +35,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
             frame_id=estimator.settings.frame_id,
         ),
         PressureReading(stamp_ns=1, pressure=estimator.settings.pressure.reading(middle)),
-        PressureReading(stamp_ns=2, pressure=estimator.settings.pressure.reading(further)),
+        PressureReading(stamp_ns=2, pressure=estimator.settings.pressure.reading(shifted)),
     )
     state, outcome = EstimatorState(), None
     for reading in readings:

@@ -114,7 +114,7 @@ class FusionConfiguration(ArmConfiguration):
         targets, changed = len(self.arm.target_arclength), settings_changed(self.fusion.settings)
         return self.info_with(targets=targets, settings=changed)
 
-    def take_over(self, state: FusionState, before: FusionConfiguration) -> FusionState:
+    def carry_over(self, state: FusionState, before: FusionConfiguration) -> FusionState:
         """Return the part of an earlier state that stays valid with this configuration."""
         new, old = self.fusion, before.fusion
         if new.arm is not old.arm:

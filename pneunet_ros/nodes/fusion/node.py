@@ -29,7 +29,7 @@ from pneunet_ros.nodes.fusion.configuration import (
     PARAMETERS,
 )
 from pneunet_ros.nodes.fusion.warm_up import warm_up
-from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
 from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import has_message, RCLPY_TYPES, serialize
@@ -51,9 +51,9 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
 
     PATIENCE: ClassVar[float] = 0.01  # a frame takes longer than ten estimates of an estimator
 
-    def __init__(self, place: Place = ALONE) -> None:
+    def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""
-        super().__init__('fusion', PARAMETERS, configured_fusion, place)
+        super().__init__('fusion', PARAMETERS, configured_fusion, node_options)
         self.state = FusionState()
         self.is_unsettled = False
         self.take_frame: Callable[[], None] | None = None  # of a gripper: there is a new one
@@ -72,22 +72,22 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         topics = {sensor.name: self.resolve_topic_name(sensor.topic) for sensor in OF_FUSION}
         self.health = FusionHealth(topics[PRESSURE.name], topics[TARGETS.name], time.monotonic())
         wrench = node.use_wrench and not node.free_tip
-        beside = [
+        gravity = [
             one
             for one in gravity_inputs(fusion.gravity)
             if fusion.gravity.frame or has_message(one.type)
         ]
-        read = [*beside, *([END_WRENCH] if wrench else []), TARGETS, PRESSURE]
+        inputs = [*gravity, *([END_WRENCH] if wrench else []), TARGETS, PRESSURE]
         subscribe_in_order(
-            self, {sensor: partial(self.take, sensor, topics[sensor.name]) for sensor in read}
+            self, {sensor: partial(self.take, sensor, topics[sensor.name]) for sensor in inputs}
         )
-        self.tell_ready()
+        self.log_ready()
 
     def take(self, sensor: Input[Any], topic: str, message: Any, info: dict[str, int]) -> None:
         """Process a message, and publish its estimate if there is one."""
         self.note_message(topic, info)
         self.settle()
-        resets, begin = self.state.readings.resets, time.monotonic()
+        resets, start = self.state.readings.resets, time.monotonic()
         self.state, outcome = fuse_message(self.configuration.fusion, self.state, sensor, message)
         end = time.monotonic()
         if isinstance(outcome, FusedEstimate):
@@ -98,7 +98,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         if sensor is PRESSURE and not (isinstance(outcome, Refusal) and not outcome.error):
             self.zero.take(PRESSURE.decode(message))
         self.is_unsettled = True
-        self.health.took(sensor.name, outcome, end, end - begin)
+        self.health.record(sensor.name, outcome, end, end - start)
         if self.state.readings.resets > resets:
             self.zero.forget()
             sentence = 'time jumped back: the fusion was reset'
@@ -112,8 +112,8 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         self.state = self.configuration.fusion.settle(self.state)
         belief = self.state.belief
         if self.take_frame is not None and belief is not None:
-            before, self.frame_ns = self.frame_ns, belief.stamp_ns
-            if belief.stamp_ns != before:
+            previous_ns, self.frame_ns = self.frame_ns, belief.stamp_ns
+            if belief.stamp_ns != previous_ns:
                 self.take_frame()
 
     def diagnose(self) -> None:
@@ -141,8 +141,8 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         self.zero.forget()
         return 'the fusion was reset'
 
-    def take_over(self, configuration: FusionConfiguration) -> None:
+    def reconfigure(self, configuration: FusionConfiguration) -> None:
         """Keep the still valid part of the state, and use the new rate."""
         self.settle()
-        self.state = configuration.take_over(self.state, self.configuration)
+        self.state = configuration.carry_over(self.state, self.configuration)
         self.outputs.centerline_rate = configuration.node.centerline_rate

@@ -59,9 +59,9 @@ class GripperGoals:
         except RequestError:
             handle.abort()
             return self.kind.Result()
-        begun = time.monotonic()
+        waiting_since = time.monotonic()
         while True:
-            grasp = await self.next_grasp(begun)
+            grasp = await self.next_grasp(waiting_since)
             if grasp is None or number != self.goals:
                 handle.abort()
             elif handle.is_cancel_requested:
@@ -71,7 +71,7 @@ class GripperGoals:
                 handle.succeed()
             else:
                 handle.publish_feedback(self.fill_message(self.kind.Feedback(), grasp))
-                begun = time.monotonic()
+                waiting_since = time.monotonic()
                 continue
             return self.fill_message(self.kind.Result(), grasp)
 
@@ -84,11 +84,11 @@ class GripperGoals:
             message.stalled = self.grasping.is_stalled() and not message.reached_goal
         return message
 
-    async def next_grasp(self, begun: float) -> Grasp | None:
+    async def next_grasp(self, waiting_since: float) -> Grasp | None:
         """Return the next grasp; None if there is none in time."""
         before = self.grasping.grasp
         while self.grasping.grasp is before or self.grasping.grasp is None:
-            if time.monotonic() - begun > SILENCE:
+            if time.monotonic() - waiting_since > SILENCE:
                 return None
             await Turn()
         return self.grasping.grasp

@@ -88,8 +88,8 @@ class GripperSettings:
     @property
     def nodes(self) -> tuple[str, ...]:
         """The nodes of every arm, in order of priority."""
-        beside = {'fusion': self.fusion, 'tracker': self.tracker}
-        return ('estimator', *(name for name, wanted in beside.items() if wanted))
+        optional = {'fusion': self.fusion, 'tracker': self.tracker}
+        return ('estimator', *(name for name, enabled in optional.items() if enabled))
 
 
 PARAMETERS = ParameterTable(
@@ -203,7 +203,7 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
     topics: dict[str, str] = {}
     mount: Sequence[float] | None = None
     shared: dict[str, Any] = {}
-    own: dict[str, dict[str, Any]] = {node: {} for node in TABLES}
+    by_node: dict[str, dict[str, Any]] = {node: {} for node in TABLES}
     for name, value in given.items():
         owner, _, key = name.partition('.')
         if owner != arm:
@@ -214,7 +214,7 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
         elif key == MOUNT:
             mount = value
         elif first in TABLES and rest in names_of(first):
-            own[first][rest] = value
+            by_node[first][rest] = value
         elif any(key in names_of(node) for node in TABLES):
             shared[key] = value
         else:
@@ -228,7 +228,7 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
         mount=mount,
         parameters={
             node: {key: value for key, value in shared.items() if key in names_of(node)} | values
-            for node, values in own.items()
+            for node, values in by_node.items()
         },
     )
 

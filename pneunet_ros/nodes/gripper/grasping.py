@@ -39,7 +39,7 @@ class Grasping:
         self.grasp: Grasp | None = None
         self.command: GripCommand | None = None
         self.pressures: dict[str, float] = {}
-        self.moved_at = -math.inf  # s of a steady clock
+        self.commanded_at = -math.inf  # s of a steady clock
         self.reaches: dict[tuple[str, Any], Reach] = {}
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
@@ -49,13 +49,13 @@ class Grasping:
             arm: publisher(node, PRESSURE_TYPE, f'{arm}/pressure_command', output_qos())
             for arm in fusions
         }
-        self.closing()  # computes reaches before a command waits for them
+        self.controller()  # computes reaches before a command waits for them
         subscription(node, COMMAND_TYPE, 'gripper/command', self.take_command, output_qos())
-        self.tell_mounts()
+        self.publish_mounts()
         for arm, fusion in fusions.items():
             fusion.take_frame = partial(self.take_frame, arm)
 
-    def tell_mounts(self) -> None:
+    def publish_mounts(self) -> None:
         """Publish the poses of the arm bases that have their own frame."""
         frames = {
             arm: fusion.configuration.fusion.sensors.frame_id
@@ -105,7 +105,7 @@ class Grasping:
         most = self.settings.max_force
         command = GripCommand(width=width, force=min(force, most) if force > 0.0 else most)
         if self.command is None:
-            self.pressures, self.moved_at = {}, -math.inf
+            self.pressures, self.commanded_at = {}, -math.inf
         self.command = command
         return command
 
@@ -115,21 +115,21 @@ class Grasping:
 
     def follow(self, now: float) -> None:
         """Command the next pressures from the latest readings."""
-        elapsed, self.moved_at = now - self.moved_at, now
+        elapsed, self.commanded_at = now - self.commanded_at, now
         if self.command is None:
             return
         if not self.pressures or elapsed > self.settings.hold_after:
             fused = {arm: seen.fused.estimate for arm, seen in self.seen.items()}
             self.pressures = {arm: one.shape.pressure for arm, one in fused.items()}
             return
-        self.pressures = self.closing().step(self.seen, self.pressures, self.command, elapsed)
+        self.pressures = self.controller().step(self.seen, self.pressures, self.command, elapsed)
         kind = message_class(PRESSURE_TYPE)
         stamp_ns = self.node.get_clock().now().nanoseconds
         for arm, pressure in self.pressures.items():
             heading = header(stamp_ns, '', RCLPY_TYPES)
             self.commands[arm].publish(kind(header=heading, fluid_pressure=pressure))
 
-    def closing(self) -> Closing:
+    def controller(self) -> Closing:
         """Return the pressure controller for the models in use."""
         reaches = {}
         for arm, fusion in self.fusions.items():
@@ -159,7 +159,7 @@ class Grasping:
         if self.command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
             return False
         width = self.grasp.width
-        return self.closing().is_stalled(self.seen, self.pressures, self.command, width)
+        return self.controller().is_stalled(self.seen, self.pressures, self.command, width)
 
     def forget(self) -> None:
         """Forget all frames and the command."""

@@ -24,8 +24,8 @@ from pneunet_ros.nodes.gripper.configuration import (
     parameters_of,
 )
 from pneunet_ros.nodes.gripper.grasping import Grasping
+from pneunet_ros.nodes.node_options import NodeOptions
 from pneunet_ros.nodes.parameters import overrides
-from pneunet_ros.nodes.place import Place
 from pneunet_ros.nodes.tracker.node import TrackerNode
 from std_srvs.srv import Trigger
 
@@ -37,7 +37,7 @@ needs is a block of its name, as in config/gripper.yaml:
   pneunet-gripper --ros-args --params-file config/gripper.yaml
   pneunet-gripper --ros-args -p arms:="[thumb, index]" -p thumb.model_file:=/path/to/thumb.yaml
 """
-CLASSES: dict[str, Callable[[Place], Any]] = {
+CLASSES: dict[str, Callable[[NodeOptions], Any]] = {
     'estimator': EstimatorNode,
     'fusion': FusionNode,
     'tracker': TrackerNode,
@@ -64,7 +64,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
             if kind is not None:
                 self.action = serve_action(self, GripperGoals(self.grasping, kind))
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
-        self.tell_ready()
+        self.log_ready()
 
     def unknown_parameters(self) -> list[str]:
         """Return the given names that neither the node nor the block of an arm declares."""
@@ -86,16 +86,16 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
 
     def zero_pressure(self, request: Any, response: Any) -> Any:
         """Serve ~/zero_pressure of a vented gripper; each node sets its own offset."""
-        response.success, said = True, []
+        response.success, messages = True, []
         for member in self.members:
             if hasattr(member, 'zero'):
-                answer = member.zero.serve(request, Trigger.Response())
-                response.success = response.success and answer.success
-                said.append(f'{member.get_fully_qualified_name()}: {answer.message}')
-        response.message = '; '.join(said)
+                reply = member.zero.serve(request, Trigger.Response())
+                response.success = response.success and reply.success
+                messages.append(f'{member.get_fully_qualified_name()}: {reply.message}')
+        response.message = '; '.join(messages)
         return response
 
-    def take_over(self, configuration: GripperConfiguration) -> None:
+    def reconfigure(self, configuration: GripperConfiguration) -> None:
         """Use the new command settings; all other parameters are fixed until restart."""
         if self.grasping is not None:
             self.grasping.settings = configuration.node
@@ -103,9 +103,9 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
     def diagnose(self) -> None:
         """Publish the number of dropped frames per arm."""
         shed = {member.get_namespace(): member.shedding.total for member in self.members}
-        late = [f'{arm}: {count}' for arm, count in shed.items() if count]
+        dropped = [f'{arm}: {count}' for arm, count in shed.items() if count]
         message = f'{len(self.configuration.node.arms)} arms'
-        values = {'frames_shed_of': '; '.join(late), 'nodes': str(len(self.members))}
+        values = {'frames_shed_of': '; '.join(dropped), 'nodes': str(len(self.members))}
         values |= {} if self.grasping is None else self.grasping.texts()
         self.publish_report('arms', Report(level=Level.OK, message=message, values=values))
 
@@ -126,15 +126,15 @@ def gripper_nodes() -> Iterator[Any]:
         models: dict[Any, Any] = {}
         for arm, block in blocks.items():
             parameters = parameters_of(settings, block, kind)
-            place = Place(
+            node_options = NodeOptions(
                 namespace=f'{namespace}/{arm}',
                 parameters=clock | parameters,
                 topics=block.topics,
-                like=models.get(parameters['model_file']),
-                meant=given,
+                sibling=models.get(parameters['model_file']),
+                foreign_parameters=given,
                 cameras=cameras,
             )
-            member = CLASSES[kind](place)
+            member = CLASSES[kind](node_options)
             models.setdefault(parameters['model_file'], member.configuration)
             gripper.members.append(member)
             if kind == 'fusion':

@@ -44,7 +44,7 @@ class Camera:
             FollowingSubscription(node, kind, topic, self.take_image),
         )
         self.topic = self.inputs[1].topic
-        node.every(FOLLOW_PERIOD, self.follow)
+        node.call_every(FOLLOW_PERIOD, self.follow)
 
     def add(self, node: Any) -> None:
         """Pass images to a node from now on; CameraError if its row belongs to another one."""

@@ -15,8 +15,8 @@ from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import model_label
 from pneunet_ros.nodes.arm_configuration import model_info
 from pneunet_ros.nodes.parameters import (
+    arm_from_file,
     EFFECTS_PATH,
-    known_model,
     model_path,
     ParameterTable,
     SHIPPED_MODEL,
@@ -110,7 +110,7 @@ def configured_tracker(
     if current is not None and of_camera == (current.node.camera_file, current.node.clamp_pixel):
         settings = current.tracker.settings
     tracker = Tracker(
-        arm or known_model(node.model_file, node.effects_path), settings or camera_of(node)
+        arm or arm_from_file(node.model_file, node.effects_path), settings or camera_of(node)
     )
     return TrackerConfiguration(node=node, tracker=tracker)
 

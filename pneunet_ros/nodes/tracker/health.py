@@ -34,7 +34,7 @@ class TrackerHealth(InputHealth):
         self._sentences: dict[str, str] = {}
         self._missing: set[int] = set()
 
-    def took_image(self, outcome: Tracking | Refusal, now: float) -> None:
+    def record_image(self, outcome: Tracking | Refusal, now: float) -> None:
         """Record the outcome of an image."""
         self.take(outcome, now)
         if isinstance(outcome, Refusal):

@@ -18,7 +18,7 @@ from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.targets import TARGETS_OUTPUT
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
 from pneunet_ros.nodes.configured_node import ConfiguredNode
-from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import output_qos, publisher
 from pneunet_ros.nodes.tracker.camera import camera_of, WRONG_CAMERA_INFO
@@ -47,9 +47,9 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
 
     PATIENCE: ClassVar[float] = 0.02  # an image takes longer than all else
 
-    def __init__(self, place: Place = ALONE) -> None:
+    def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""
-        super().__init__('tracker', PARAMETERS, configured_tracker, place)
+        super().__init__('tracker', PARAMETERS, configured_tracker, node_options)
         self.state = TrackerState()
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
@@ -68,7 +68,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.open_services()
         self.camera = camera_of(self)
         self.health = TrackerHealth(self.camera.topic, time.monotonic())
-        self.tell_ready()
+        self.log_ready()
 
     def take_step(
         self,
@@ -90,7 +90,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
                 self.annotate(image, outcome)
         else:
             self.log_refusal(outcome)
-        self.health.took_image(outcome, time.monotonic())
+        self.health.record_image(outcome, time.monotonic())
 
     def publish(self, tracking: Tracking) -> None:
         """Publish the targets of a frame, and its curve on topics that have subscribers."""
@@ -130,7 +130,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.state = self.configuration.tracker.reset(self.state)
         return 'the tracker was reset'
 
-    def take_over(self, configuration: TrackerConfiguration) -> None:
+    def reconfigure(self, configuration: TrackerConfiguration) -> None:
         """Restart if the configuration has changed; camera information remains."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)

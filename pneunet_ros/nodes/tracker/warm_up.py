@@ -47,13 +47,13 @@ def drawn_arm(arclength: np.ndarray, settings: CameraSettings) -> tuple[Image, L
     """Draw a row of white dots, the first on the left, of a plausible size."""
     area = min(max(2.0 * settings.area.smallest, 50.0), 0.5 * settings.area.largest)
     radius = math.sqrt(area / math.pi)
-    places = np.asarray(arclength) - arclength[0]
-    pixels_per_meter = 5.0 * radius / float(np.diff(places).min())
+    positions = np.asarray(arclength) - arclength[0]
+    pixels_per_meter = 5.0 * radius / float(np.diff(positions).min())
     margin = 10.0 * radius
-    u = margin + places * pixels_per_meter
+    u = margin + positions * pixels_per_meter
     width, height = math.ceil(u[-1] + margin), math.ceil(2.0 * margin)
-    across, down = np.arange(width) - u[:, None], np.arange(height) - 0.5 * height
-    distance = np.sqrt(across[:, None, :] ** 2 + down[None, :, None] ** 2).min(axis=0)
+    offset_u, offset_v = np.arange(width) - u[:, None], np.arange(height) - 0.5 * height
+    distance = np.sqrt(offset_u[:, None, :] ** 2 + offset_v[None, :, None] ** 2).min(axis=0)
     band = settings.grey_band
     white = band.high if isinstance(band, FixedBand) else 255.0
     grey = np.clip(radius + 0.5 - distance, 0.0, 1.0) * white

@@ -93,8 +93,8 @@ class VirtualArmConfiguration:
     def info(self) -> str:
         """Return the content of the topic lab_info: the truth."""
         about = describe(self.lab.scenario)
-        wanted = {name: about[name] for name in ('arm', 'effects', 'noise', 'seed')}
-        return json.dumps({'file': str(self.node.path), **wanted, 'version': __version__})
+        described = {name: about[name] for name in ('arm', 'effects', 'noise', 'seed')}
+        return json.dumps({'file': str(self.node.path), **described, 'version': __version__})
 
 
 def configured_virtual_arm(

@@ -26,7 +26,7 @@ from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes.configured_node import ConfiguredNode
-from pneunet_ros.nodes.place import ALONE, Place
+from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
 from pneunet_ros.nodes.topics import input_qos, output_qos, publisher, subscription
 from pneunet_ros.nodes.virtual_arm.configuration import (
@@ -57,14 +57,14 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     INFO_TOPIC: ClassVar[str] = 'lab_info'
     SHARED_INPUTS: ClassVar[tuple[str, ...]] = ('pressure_command', 'force_command')
 
-    def __init__(self, place: Place = ALONE) -> None:
+    def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""
-        super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm, place)
+        super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm, node_options)
         settings = self.configuration.node
         self.random = np.random.default_rng(settings.seed)
         self.command: float | None = None
         self.load = Load()
-        self.begun = time.monotonic()
+        self.started_at = time.monotonic()
         self.film = self.camera(self.configuration.lab)
         self.warm_up()
         self.state = self.configuration.lab.begin(self.now())
@@ -72,32 +72,32 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.trouble: Refusal | None = None
         self.readings, self.reported = 0, time.monotonic()
         self.stamp_ns = self.frame_ns = 0  # of the last reading and the last frame
-        self.still = False  # the time of ROS
+        self.clock_stopped = False  # the time of ROS
 
         self.pressures = publisher(self, PRESSURE.type, PRESSURE.name, output_qos())
         self.wrenches = publisher(self, END_WRENCH.type, END_WRENCH.name, output_qos())
         with_imu = self.configuration.lab.scenario.rates.imu > 0.0
         self.imus = publisher(self, *OF_IMU, output_qos()) if with_imu else None
         self.tips = publisher(self, TIP_TYPE, 'true_tip', output_qos())
-        self.every(1.0 / settings.rate, self.measure)
+        self.call_every(1.0 / settings.rate, self.measure)
         if settings.camera == 'targets':
             self.targets = publisher(self, TARGETS.type, TARGETS.name, output_qos())
-            self.every(1.0 / settings.frame_rate, self.show_targets)
+            self.call_every(1.0 / settings.frame_rate, self.show_targets)
         elif settings.camera == 'images':
             self.infos = publisher(self, CAMERA_INFO_TYPE, 'camera_info', output_qos())
             self.images = publisher(self, IMAGE_TYPE, 'image_raw', output_qos())
-            self.every(1.0 / settings.frame_rate, self.show_image)
+            self.call_every(1.0 / settings.frame_rate, self.show_image)
         self.open_services()
         for kind, topic, take in (
             (PRESSURE.type, 'pressure_command', self.take_command),
             (END_WRENCH.type, 'force_command', self.take_load),
         ):
             subscription(self, kind, topic, take, input_qos())
-        self.tell_ready()
+        self.log_ready()
 
     def now(self) -> float:
         """Return the time of the lab (s)."""
-        return time.monotonic() - self.begun
+        return time.monotonic() - self.started_at
 
     def warm_up(self) -> None:
         """Run every kernel once, before a subscriber waits."""
@@ -125,9 +125,9 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(NOT_FINITE, f'rejected a commanded pressure of {command}')
             return
         low, high = self.configuration.lab.scenario.arm.pressure_range
-        within = min(max(command, low), high)
-        self.command = within
-        if within != command:
+        limited = min(max(command, low), high)
+        self.command = limited
+        if limited != command:
             sentence = (
                 f'a commanded pressure of {command:g} Pa is outside the range of the valve, '
                 f'{low:g} to {high:g} Pa'
@@ -137,16 +137,16 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def take_load(self, message: Any) -> None:
         """Apply a load to the free end from now on."""
         try:
-            wanted = END_WRENCH.decode(message)
+            wrench = END_WRENCH.decode(message)
         except MessageError as error:
             self.refuse(UNREADABLE, str(error))
             return
         frame_id = self.configuration.node.frame_id
-        if wanted.frame_id not in ('', frame_id):
-            self.refuse(WRONG_FRAME, f'a force in {wanted.frame_id!r} must be in {frame_id!r}')
+        if wrench.frame_id not in ('', frame_id):
+            self.refuse(WRONG_FRAME, f'a force in {wrench.frame_id!r} must be in {frame_id!r}')
             return
         try:
-            self.load = Load(force_x=wanted.force_x, force_y=wanted.force_y, moment=wanted.moment)
+            self.load = Load(force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment)
         except RequestError as error:
             self.refuse(NOT_FINITE, str(error))
 
@@ -177,8 +177,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         There is one reading per instant of ROS time, so none while /clock stands still.
         """
         stamp_ns = self.advance()
-        self.still = stamp_ns in (0, self.stamp_ns)
-        if self.still:
+        self.clock_stopped = stamp_ns in (0, self.stamp_ns)
+        if self.clock_stopped:
             return
         self.stamp_ns = stamp_ns
         reading = self.configuration.lab.reading(self.state, self.random)
@@ -239,9 +239,9 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """
         now_ns, before_ns = self.advance(), self.frame_ns
         self.frame_ns = now_ns
-        late = self.configuration.lab.frame_delay
+        delay = self.configuration.lab.frame_delay
         passed = now_ns not in (0, before_ns)
-        return now_ns + round(late * NANOSECONDS_PER_SECOND) if passed else None
+        return now_ns + round(delay * NANOSECONDS_PER_SECOND) if passed else None
 
     def show_targets(self) -> None:
         """Publish the targets as measured by a tracker."""
@@ -285,7 +285,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             'moment_nm': self.load.moment,
         }
         level, message = Level.OK, f'a virtual arm at {rate:.3g} Hz'
-        if self.still:
+        if self.clock_stopped:
             level = Level.WARN
             message = (
                 'no readings, because the clock is not running. Start the publisher of /clock, '
@@ -295,8 +295,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
         self.readings, self.reported, self.trouble = 0, now, None
-        numbers = texts(values) | count_texts('rejected', self.rejected)
-        self.publish_report('arm', Report(level=level, message=message, values=numbers))
+        entries = texts(values) | count_texts('rejected', self.rejected)
+        self.publish_report('arm', Report(level=level, message=message, values=entries))
 
     def forget(self) -> str:
         """Replace the arm by an unconditioned one (no prior loading), vented and unloaded."""
@@ -304,11 +304,11 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.state = self.configuration.lab.begin(self.now())
         return 'an unconditioned arm (no prior loading), vented and without a load'
 
-    def take_over(self, configuration: VirtualArmConfiguration) -> None:
+    def reconfigure(self, configuration: VirtualArmConfiguration) -> None:
         """Continue with other effects, or with another, unconditioned arm."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:
-            self.state = lab.take_over(self.state)
+            self.state = lab.reconfigure(self.state)
         else:
             self.state = lab.begin(self.now())

@@ -14,9 +14,9 @@ from pneunet_ros.core.health import Level, Report
 from pneunet_ros.fusion.grasp import Gripper
 from pneunet_ros.lab.live import Load
 from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.node_options import NodeOptions
 from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.params_file import params_files
-from pneunet_ros.nodes.place import Place
 from pneunet_ros.nodes.virtual_arm.node import VirtualArmNode
 from pneunet_ros.nodes.virtual_gripper.configuration import (
     configured_virtual_gripper,
@@ -53,8 +53,8 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
     def open(self) -> None:
         """Open the services and start, now that all arms exist."""
         self.open_services()
-        self.every(1.0 / self.configuration.node.rate, self.push)
-        self.tell_ready()
+        self.call_every(1.0 / self.configuration.node.rate, self.push)
+        self.log_ready()
 
     def push(self) -> None:
         """Push every arm in proportion to its penetration into the object."""
@@ -64,13 +64,15 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
             tip = member.tip_now()
             if tip is None:
                 continue
-            place = mount.origin + mount.axes[:, :2] @ tip + mount.thickness * inward
-            depth = float(inward @ (place - center)) + 0.5 * settings.object_width
+            surface = mount.origin + mount.axes[:, :2] @ tip + mount.thickness * inward
+            depth = float(inward @ (surface - center)) + 0.5 * settings.object_width
             outward = -(mount.axes[:, :2].T @ inward)
             # An arm without mass gives way at once, by up to 300 times as much as the object.
-            share = 1.0 / (1.0 + settings.object_stiffness * member.tip_compliance(outward))
+            compliance_ratio = 1.0 / (
+                1.0 + settings.object_stiffness * member.tip_compliance(outward)
+            )
             force = self.forces[arm]
-            force += share * (settings.object_stiffness * depth - force)
+            force += compliance_ratio * (settings.object_stiffness * depth - force)
             self.forces[arm] = max(force, 0.0) * (settings.object_width > 0.0)
             force_x, force_y = (self.forces[arm] * outward).tolist()
             member.load = Load(force_x=force_x, force_y=force_y)
@@ -81,7 +83,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
             member.forget()
         return 'unconditioned arms (no prior loading), vented'
 
-    def take_over(self, configuration: VirtualGripperConfiguration) -> None:
+    def reconfigure(self, configuration: VirtualGripperConfiguration) -> None:
         """Continue with another object."""
 
     def diagnose(self) -> None:
@@ -103,10 +105,10 @@ def virtual_gripper_nodes() -> Iterator[Any]:
         rates = {'rate': settings.rate, 'frame_rate': settings.frame_rate}
         parameters = {'seed': number, 'frame_id': frame} | rates
         member = VirtualArmNode(
-            Place(
+            NodeOptions(
                 namespace=f'{namespace}/{arm}',
                 parameters=parameters | clock,
-                meant=overrides(gripper),
+                foreign_parameters=overrides(gripper),
             )
         )
         gripper.members[arm] = member

@@ -1,4 +1,4 @@
-"""Composition of nodes that share a process."""
+"""Options of nodes that share a process."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from rclpy.parameter import Parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class NodeOptions:
     """Namespace, parameters and topics of a node in a shared process.
 
     namespace: full name; empty: that of the command line. parameters: override those of the
-    command line. topics: remapping of the topics of the node. like: the configuration of another
-    node, whose model is shared if the files are the same. meant: names of parameters on the
-    command line that belong to other nodes. cameras: those of the trackers of this process, by
-    their topics.
+    command line. topics: remapping of the topics of the node. sibling: the configuration of
+    another node, whose model is shared if the files are the same. foreign_parameters: names of
+    parameters on the command line that belong to other nodes. cameras: those of the trackers of
+    this process, by their topics.
     """
 
     namespace: str = ''
     parameters: Mapping[str, Any] = field(default_factory=dict)
     topics: Mapping[str, str] = field(default_factory=dict)
-    like: Any = None
-    meant: Collection[str] = ()
+    sibling: Any = None
+    foreign_parameters: Collection[str] = ()
     cameras: dict[tuple[str, str], Any] = field(default_factory=dict)
 
     def arguments(self, name: str) -> dict[str, Any]:
-        """Return the rclpy arguments for a node of this name at this place."""
+        """Return the rclpy arguments for a node of this name."""
         if not self.namespace:
             return {}
         rules = {'__ns': self.namespace, '__node': name, **self.topics}
@@ -41,4 +41,4 @@ class Place:
         }
 
 
-ALONE = Place()
+DEFAULT_OPTIONS = NodeOptions()
