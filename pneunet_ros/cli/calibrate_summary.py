@@ -160,10 +160,10 @@ def print_law(console: Console, calibration: Calibration, law: tuple[Row, ...]) 
     }
     columns = ('pressure (kPa)', 'alpha1', 'EI1 (N m^2)', 'alpha2', 'EI2 (N m^2)', 'l1 / l')
     rows = []
-    for place, pressure in enumerate(fitted.pressure.tolist()):
-        alphas = [f'moment_law.rigidity.{place}.{section}' for section in (0, 1)]
+    for level, pressure in enumerate(fitted.pressure.tolist()):
+        alphas = [f'moment_law.rigidity.{level}.{section}' for section in (0, 1)]
         names = [name for alpha in alphas for name in (alpha, f'EI of {alpha}')]
-        shown = [texts[name] for name in (*names, f'moment_law.split.{place}')]
+        shown = [texts[name] for name in (*names, f'moment_law.split.{level}')]
         rows.append((f'{kilopascals(pressure):z.1f}', *shown))
     print_rows(console, title, columns, rows, numbers=range(6))
 
@@ -174,8 +174,8 @@ def print_curvature(console: Console, calibration: Calibration, rows: tuple[Row,
     columns = ('pressure (kPa)', 'clamp', 'middle', 'tip', 'standard error, middle and worst')
     shown = []
     middle = len(fitted.rows) // 2
-    for place, pressure in enumerate(fitted.pressures):
-        values, errors, _ = zip(*(cells[place] for _, cells in fitted.rows), strict=True)
+    for row, pressure in enumerate(fitted.pressures):
+        values, errors, _ = zip(*(cells[row] for _, cells in fitted.rows), strict=True)
         knots = (f'{values[knot]:.2f}' for knot in (0, middle, -1))
         worst = f'{errors[middle]:.2f}, {max(errors):.2f}'
         shown.append((f'{pressure:z.1f}', *knots, worst))

@@ -81,7 +81,7 @@ def show_unsettled(
 
 def print_texts(console: Console, table: Table, title: str) -> None:
     """Print a table, without meanings, for which a terminal is too narrow."""
-    shown = [place for place, name in enumerate(table.columns) if name != 'meaning']
-    columns, *rows = ([row[place] for place in shown] for row in (table.columns, *table.rows))
-    numbers = [at for at, place in enumerate(shown) if place in table.numbers]
+    shown = [index for index, name in enumerate(table.columns) if name != 'meaning']
+    columns, *rows = ([row[index] for index in shown] for row in (table.columns, *table.rows))
+    numbers = [position for position, index in enumerate(shown) if index in table.numbers]
     print_rows(console, title, columns, rows, numbers, box=SIMPLE_HEAD)

@@ -109,16 +109,16 @@ def read_experiments(
     paths = list(itertools.chain(*groups))
     loads = by_recording('--end-load', arguments.end_load, paths, force_of)
     threads = by_recording('--string', arguments.string, paths, string_of)
-    if both := loads.keys() & threads.keys():
+    if shared := loads.keys() & threads.keys():
         raise RequestError(
-            f'{both.pop()} is given both to --end-load and to --string', reason='exclusive'
+            f'{shared.pop()} is given both to --end-load and to --string', reason='exclusive'
         )
-    loads = {**loads, **{place: (one.tension, 0.0) for place, one in threads.items()}}
+    loads = {**loads, **{key: (one.tension, 0.0) for key, one in threads.items()}}
     named = {resolved(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
-    if both := named & loads.keys():
+    if shared := named & loads.keys():
         raise RequestError(
-            f'{both.pop()} is listed under --unloaded and also under --end-load or --string: '
+            f'{shared.pop()} is listed under --unloaded and also under --end-load or --string: '
             'remove it from one of them',
             reason='exclusive',
         )
@@ -132,12 +132,12 @@ def read_experiments(
         )
         left_out.extend(f'{path.name}: {sentence}' for sentence in sentences)
         run = replace(run, static=arguments.static)
-        place = resolved(path)
-        if place in loads:
-            if place not in threads:
+        key = resolved(path)
+        if key in loads:
+            if key not in threads:
                 left_out.append(f'{path.name}: {CONSTANT}')
-            return with_known_load(run, loads[place])
-        if place in named:
+            return with_known_load(run, loads[key])
+        if key in named:
             check_unloaded(run, frame)
             why = 'given'
         else:
@@ -149,15 +149,15 @@ def read_experiments(
 
     with heard(verb.progress_of(bar, 'reading')):
         runs = tuple(tuple(read(path) for path in group) for group in groups)
-    flat, found = in_base_frame(list(itertools.chain(*runs)), frame)
-    left_out += found
+    flat, notes = in_base_frame(list(itertools.chain(*runs)), frame)
+    left_out += notes
     for index, path in enumerate(paths):
         if thread := threads.get(resolved(path)):
             flat[index], unseen = with_string(flat[index], frame, thread)
             if unseen:
                 left_out.append(f'{path.name}: left out {unseen} frames that do not show the tip')
-    placed = iter(flat)
-    runs = tuple(tuple(itertools.islice(placed, len(group))) for group in runs)
+    framed = iter(flat)
+    runs = tuple(tuple(itertools.islice(framed, len(group))) for group in runs)
     return Experiments(
         groups=runs,
         left_out=tuple(left_out),
@@ -174,8 +174,8 @@ def as_measured(frame: Arm, runs: Sequence[RecordingData]) -> Arm:
     if not measured:
         return frame
     x, y = np.mean(np.concatenate(measured), axis=0).tolist()
-    longer = max(math.hypot(x, y), 1.0)
-    return replace(frame, gravity=replace(frame.gravity, x=x / longer, y=y / longer))
+    norm = max(math.hypot(x, y), 1.0)
+    return replace(frame, gravity=replace(frame.gravity, x=x / norm, y=y / norm))
 
 
 def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
@@ -209,14 +209,14 @@ def by_recording(
     read: Callable[[str, Sequence[str]], T],
 ) -> dict[Path, T]:
     """Return what an option gives, by recording; RequestError for an unknown recording."""
-    found: dict[Path, T] = {}
+    values: dict[Path, T] = {}
     for name, *texts in given:
-        place = resolved(name)
-        check_given({place}, paths, option)
-        if place in found:
+        key = resolved(name)
+        check_given({key}, paths, option)
+        if key in values:
             raise RequestError(f'{option} {name} is given twice', reason='given_twice')
-        found[place] = read(f'{option} {name}', texts)
-    return found
+        values[key] = read(f'{option} {name}', texts)
+    return values
 
 
 def force_of(option: str, texts: Sequence[str]) -> tuple[float, float]:
@@ -225,10 +225,10 @@ def force_of(option: str, texts: Sequence[str]) -> tuple[float, float]:
     return force_x, force_y
 
 
-def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
+def check_given(keys: set[Path], paths: Sequence[Path], option: str) -> None:
     """Reject an option that names a recording other than those to be read."""
-    for place in sorted(places - {resolved(path) for path in paths}):
+    for key in sorted(keys - {resolved(path) for path in paths}):
         raise RequestError(
-            f'{option} {place.name}: this recording is not among the inputs; add it to them',
+            f'{option} {key.name}: this recording is not among the inputs; add it to them',
             reason='not_found',
         )

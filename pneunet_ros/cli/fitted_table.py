@@ -24,19 +24,19 @@ def print_table(console: Console, table: Table, empty: str = 'none') -> None:
     if not table.row_count:
         console.print(f'{table.title}: {empty}' if table.title else empty)
         return
-    needs = [need(console, column) for column in table.columns]
+    needs = [measure_column(console, column) for column in table.columns]
     if width_of([item.maximum for item in needs]) <= console.width:
         console.print(table)
         return
     title = table.title
-    for places in parts(needs, console.width, together=not table.show_header):
+    for column_indices in parts(needs, console.width, keep_together=not table.show_header):
         part = Table(title=title, box=table.box, show_header=table.show_header)
-        columns = [table.columns[place] for place in places]
-        shares = shared(console.width, [needs[place] for place in places])
-        for column, width in zip(columns, shares, strict=True):
+        columns = [table.columns[place] for place in column_indices]
+        widths = shared(console.width, [needs[place] for place in column_indices])
+        for column, width in zip(columns, widths, strict=True):
             part.add_column(column.header, justify=column.justify, overflow='fold', width=width)
         for cells in zip(*(column.cells for column in columns), strict=True):
-            part.add_row(*map(broken_at_slashes, cells, shares))
+            part.add_row(*map(broken_at_slashes, cells, widths))
         console.print(part)
         title = None
 
@@ -53,8 +53,8 @@ def print_rows(
 ) -> None:
     """Print rows of texts as a table; numbers: indices of right-aligned columns."""
     table = Table(title=title or None, box=box, show_header=bool(columns))
-    for place, column in enumerate(columns or ('', '')):
-        table.add_column(column, justify='right' if place in numbers else 'left')
+    for index, column in enumerate(columns or ('', '')):
+        table.add_column(column, justify='right' if index in numbers else 'left')
     for row in rows:
         table.add_row(*row)
     print_table(console, table, empty)
@@ -70,7 +70,7 @@ def broken_at_slashes(text: object, width: int) -> str:
     return re.sub(rf'(?=\S{{{width + 1}}})\S{{,{width - 1}}}/', r'\g<0>\n', str(text))
 
 
-def need(console: Console, column: Column) -> Measurement:
+def measure_column(console: Console, column: Column) -> Measurement:
     """Return the widths of a column with and without wrapping.
 
     Numbers, which are right-aligned, are not separated from their errors.
@@ -79,8 +79,8 @@ def need(console: Console, column: Column) -> Measurement:
     header, *cells = (
         Measurement.get(console, options, text) for text in (column.header, *column.cells)
     )
-    whole = column.justify == 'right'
-    least = [item.maximum if whole else item.minimum for item in cells]
+    is_number = column.justify == 'right'
+    least = [item.maximum if is_number else item.minimum for item in cells]
     most = [item.maximum for item in cells]
     return Measurement(max(header.minimum, *least), max(header.maximum, *most))
 
@@ -90,15 +90,15 @@ def width_of(widths: Sequence[int]) -> int:
     return sum(widths) + FRAME * len(widths) + EDGE
 
 
-def parts(needs: Sequence[Measurement], room: int, *, together: bool) -> Iterator[list[int]]:
+def parts(needs: Sequence[Measurement], room: int, *, keep_together: bool) -> Iterator[list[int]]:
     """Split columns, by index, so that no word breaks, or keep all together."""
     shown = [0]
-    for place in range(1, len(needs)):
-        wider = [needs[other].minimum for other in (*shown, place)]
-        if not together and len(shown) > 1 and width_of(wider) > room:
+    for index in range(1, len(needs)):
+        widths = [needs[other].minimum for other in (*shown, index)]
+        if not keep_together and len(shown) > 1 and width_of(widths) > room:
             yield shown
             shown = [0]
-        shown.append(place)
+        shown.append(index)
     yield shown
 
 
@@ -108,13 +108,13 @@ def shared(room: int, needs: Sequence[Measurement]) -> list[int]:
     If even words do not fit, the widest columns are narrowed, and their words folded.
     """
     widths = [item.minimum for item in needs]
-    left = room - width_of(widths)
-    while left < 0 and max(widths) > 1:
+    spare = room - width_of(widths)
+    while spare < 0 and max(widths) > 1:
         widths[widths.index(max(widths))] -= 1
-        left += 1
-    asking = sorted(range(len(needs)), key=lambda place: needs[place].span)
-    for rank, place in enumerate(asking):
-        more = max(min(needs[place].maximum - widths[place], left // (len(asking) - rank)), 0)
-        widths[place] += more
-        left -= more
+        spare += 1
+    by_span = sorted(range(len(needs)), key=lambda index: needs[index].span)
+    for rank, index in enumerate(by_span):
+        more = max(min(needs[index].maximum - widths[index], spare // (len(by_span) - rank)), 0)
+        widths[index] += more
+        spare -= more
     return widths

@@ -41,10 +41,10 @@ class CommandParser(ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; each verb reports its own unknown words."""
         self._words = args
-        given, stray = super().parse_known_args(args, namespace)
-        if stray:
-            self.refuse(self._about_stray(stray))
-        return given, stray
+        given, unexpected = super().parse_known_args(args, namespace)
+        if unexpected:
+            self.refuse(self._describe_unexpected(unexpected))
+        return given, unexpected
 
     def error(self, message: str) -> NoReturn:
         """Print a usage error and exit."""
@@ -52,14 +52,16 @@ class CommandParser(ArgumentParser):
         if missing is None:
             self.refuse(message.removeprefix('argument '), example=False)
         if missing['one']:
-            about = f'one of {missing["one"].replace(" ", ", ")} is missing'
+            problem = f'one of {missing["one"].replace(" ", ", ")} is missing'
         else:
-            *others, last = missing['all'].split(', ')
-            about = (
-                f'{", ".join(others)} and {last} are missing' if others else f'{last} is missing'
+            *leading, last = missing['all'].split(', ')
+            problem = (
+                f'{", ".join(leading)} and {last} are missing' if leading else f'{last} is missing'
             )
-        stray = self._stray_words()
-        self.refuse(f'{self._about_stray(stray)}, and {about}' if stray else about)
+        unexpected = self._unexpected_words()
+        self.refuse(
+            f'{self._describe_unexpected(unexpected)}, and {problem}' if unexpected else problem
+        )
 
     def refuse(self, sentence: str, *, example: bool = True) -> NoReturn:
         """Print a usage error, with an example command if helpful, and exit."""
@@ -69,29 +71,29 @@ class CommandParser(ArgumentParser):
         print(f'{self.prog}: {line}', file=sys.stderr)
         raise WrongUsageError(line)
 
-    def _stray_words(self) -> list[str]:
+    def _unexpected_words(self) -> list[str]:
         """Return the unexpected words if arguments are missing as well."""
         for action in self._actions:
             action.required = False
         for group in self._mutually_exclusive_groups:
             group.required = False
-        stray: list[str] = super().parse_known_args(self._words)[1]
-        return stray
+        unexpected: list[str] = super().parse_known_args(self._words)[1]
+        return unexpected
 
-    def _about_stray(self, words: Sequence[str]) -> str:
+    def _describe_unexpected(self, words: Sequence[str]) -> str:
         """Name the words that belong to no option; a word after an unknown option is its value."""
         if unknown := next((word for word in words if OPTION.match(word)), None):
             name = unknown.partition('=')[0]
             options = [option for action in self._actions for option in action.option_strings]
-            return f'{name} is not an option{likely(name, options)}'
+            return f'{name} is not an option{suggestion(name, options)}'
         hint = '; a number and its unit are one word, as in 31kPa' * bool(UNIT.match(words[0]))
         return f'{" ".join(words)} belong{"s" * (len(words) == 1)} to no option{hint}'
 
 
-def likely(word: str, known: Sequence[str]) -> str:
+def suggestion(word: str, known: Sequence[str]) -> str:
     """Return a question with the closest known word."""
-    near = get_close_matches(word, known, 1, 0.75)
-    return f' ({near[0]}?)' if near else ''
+    matches = get_close_matches(word, known, 1, 0.75)
+    return f' ({matches[0]}?)' if matches else ''
 
 
 class CommandHelp(RawDescriptionHelpFormatter):
@@ -318,7 +320,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = parser(words, ends=arguments is None)
         names = [verb.name for verb in VERBS]
         if words and words[0] not in names and not words[0].startswith('-'):
-            command.refuse(f'{words[0]!r} is not a verb{likely(words[0], names)}')
+            command.refuse(f'{words[0]!r} is not a verb{suggestion(words[0], names)}')
         given = command.parse_args([negative_number(word) for word in words])
     except WrongUsageError as error:
         if '--json' in words:

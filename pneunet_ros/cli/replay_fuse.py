@@ -41,7 +41,7 @@ def run_fusion(arguments: Namespace) -> int:
     if PRESSURE.name in verdicts.doubted or verdicts.model_mismatch:
         return refuse_readings(arguments, verdicts)
     tally = FusionTally()
-    begun = time.perf_counter()
+    start = time.perf_counter()
     with playing(arguments, recording, topics, 'fusing', tally.count) as (writer, on_progress):
         record_fusion(writer, recording, fusion, topics, on_progress)
     state, last = tally.state, tally.last
@@ -58,10 +58,10 @@ def run_fusion(arguments: Namespace) -> int:
         'force_sensor': None if sensor is None else sensor.numbers,
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
-        'beyond_noise': tally.beyond,
-        'of_the_bench': {sentence: count for sentence, count in tally.said.items() if count},
+        'beyond_noise': tally.inconsistent,
+        'of_the_bench': {sentence: count for sentence, count in tally.warnings.items() if count},
         'settings': settings_used(fusion.settings, *fusion.model.unknowns.blocks),
-        'seconds': time.perf_counter() - begun,
+        'seconds': time.perf_counter() - start,
         'sentences': [
             *([f'{verdicts.findings}: give {verdicts.options}'] if verdicts.doubted else []),
             *recording.sentences,
@@ -86,9 +86,9 @@ def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
     if tally.ambiguous:
         facts['ambiguous'] = f'{tally.ambiguous} estimates: two loads explain the targets'
     if any(tally.contacts):
-        clear, alike = tally.contacts
+        definite, ambiguous = tally.contacts
         facts['contact along the arm'] = (
-            f'{clear} estimates, and {alike} in which a tip force would fit as well'
+            f'{definite} estimates, and {ambiguous} in which a tip force would fit as well'
         )
     last = tally.last
     if last is not None:
@@ -108,11 +108,11 @@ def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
     sentences = [
         f'{sentence} (in {count} estimates)' for sentence, count in summary['of_the_bench'].items()
     ]
-    if tally.beyond:
+    if tally.inconsistent:
         sentences.insert(
             0,
-            f'in {tally.beyond} estimates targets were further from the fused shape than noise '
-            'explains: run pneunet diagnose',
+            f'in {tally.inconsistent} estimates targets were further from the fused shape than '
+            'noise explains: run pneunet diagnose',
         )
     if summary['std_leaves_out']:
         sentences.append(summary['std_leaves_out'])

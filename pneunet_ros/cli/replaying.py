@@ -56,8 +56,8 @@ def refuse_readings(arguments: Namespace, verdicts: Verdicts) -> int:
         'verdicts': verdicts.summary,
         'sentences': [sentence],
     }
-    said = f'{sentence}\nNothing was estimated and nothing was written.'
-    verb.present(arguments, summary, lambda console: console.print(said))
+    text = f'{sentence}\nNothing was estimated and nothing was written.'
+    verb.present(arguments, summary, lambda console: console.print(text))
     return verb.NEGATIVE
 
 
@@ -75,7 +75,7 @@ def playing(
     counts the step by `count`.
     """
     output, overwrite = arguments.output, arguments.overwrite
-    done = itertools.count(1)
+    counter = itertools.count(1)
     with (
         verb.progress_bar(shown=not arguments.json) as bar,
         nullcontext()
@@ -86,7 +86,7 @@ def playing(
 
         def on_progress(step: Any) -> None:
             count(step)
-            if (messages := next(done)) % SHOWN_EVERY == 0:
+            if (messages := next(counter)) % SHOWN_EVERY == 0:
                 bar.update(task, completed=messages)
 
         yield writer, on_progress

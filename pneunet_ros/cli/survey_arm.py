@@ -78,15 +78,15 @@ class SurveyWork:
             add_effects(self.request.effects_path)
         frame = load_model(arm.arm)
         checks = self.check(arm, frame)
-        with TemporaryDirectory() as place, verb.progress_bar(shown=False) as bar:
-            asked, of_heldout = (
+        with TemporaryDirectory() as path, verb.progress_bar(shown=False) as bar:
+            arguments, of_heldout = (
                 self.request.arguments(some) for some in (arm.roles['unloaded'], ())
             )
             read = read_experiments(
-                (arm.roles['unloaded'], arm.roles['loaded']), frame, asked, bar
+                (arm.roles['unloaded'], arm.roles['loaded']), frame, arguments, bar
             )
             kept = read_experiments((arm.roles['heldout'],), frame, of_heldout, bar)
-            folder = Path(place) / 'arm'
+            folder = Path(path) / 'arm'
             notes = [*(f'not used: {x}' for x in arm.ignored), *read.sentences, *kept.left_out]
             given = Given(
                 notes=tuple(notes),
@@ -105,11 +105,11 @@ class SurveyWork:
 
     def check(self, arm: FleetArm, frame: Arm) -> list[dict[str, Any]]:
         """Return a summary of `pneunet check` for each recording."""
-        asked = self.request.arguments(())
+        arguments = self.request.arguments(())
         request = UseRequest(
             arm=frame,
-            settings=verb.settings_of(asked),
-            overrides=verb.topics_of(asked.topic, [sensor.name for sensor in SENSORS]),
+            settings=verb.settings_of(arguments),
+            overrides=verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS]),
         )
         found = [check_recording(path, request) for path in arm.recordings]
         return [
@@ -133,9 +133,9 @@ class SurveyWork:
                 f'the calibration did not converge: {calibration.joint.status}',
                 reason='not_settled',
             )
-        asked = Namespace(arm=arm.arm, earlier=None)
+        arguments = Namespace(arm=arm.arm, earlier=None)
         roles = {'unloaded': unloaded, 'loaded': loaded}
-        origin = provenance_of(asked, calibration, roles)
+        origin = provenance_of(arguments, calibration, roles)
         model = described_arm(calibration, arm.name, frame, origin)
         investigation = investigate(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
         discovery = discover(investigation)
@@ -162,10 +162,10 @@ class SurveyWork:
         )
         save_model(model, folder / CALIBRATED)
         save_knowledge(calibration.posterior, folder / CALIBRATED, overwrite=False)
-        wanted = ('answer', 'sentence', 'effects', 'alternatives', 'gap', 'detectable')
+        entries = ('answer', 'sentence', 'effects', 'alternatives', 'gap', 'detectable')
         settled = not isinstance(diagnosis, UnsettledDiagnosis)
         return {
-            **{name: content[name] for name in wanted},
+            **{name: content[name] for name in entries},
             'model': MODEL if settled else CALIBRATED,
             'loaded': bool(loaded),
             'target_std': calibration.noise.noise.target_std,

@@ -102,7 +102,7 @@ def joined(
         if found.trouble:
             return None, summary_of(readings, found, None, f'{found.trouble}; give --delay S')
         delay = found.delay
-        trackings = [one for place, one in enumerate(trackings) if place not in found.repeated]
+        trackings = [one for index, one in enumerate(trackings) if index not in found.repeated]
     run = join(trackings, readings.table, delay)
     if readings.string is not None:
         run = with_string(run, readings.string, arm)

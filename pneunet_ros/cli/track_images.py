@@ -69,30 +69,30 @@ def track(arguments: Namespace) -> int:
     sentences = stream.recording.sentences if stream.recording is not None else ()
     film: dict[str, Any] = {}
     with ExitStack() as stack:
-        # The preview is written also where nothing else is, as it shows why.
-        looks = preview_followers(arguments, stack, stream, arm, film)
+        # The preview is written even if nothing else is, because it shows why.
+        previews = preview_followers(arguments, stack, stream, arm, film)
         stack.enter_context(written_together())
         tabulate = table_writer(arguments, stack)
         trackings: list[Tracking] = []
         on_tracking = [trackings.append] if readings is not None else tabulate
-        followers = [tally.count, *looks]
+        followers = [tally.count, *previews]
         bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
         task = bar.add_task('looking for the arm at rest', total=stream.frames)
-        seen_ahead: list[TrackStep] = []
+        last_step: list[TrackStep] = []
 
         def on_frame(step: TrackStep) -> None:
-            seen_ahead[:] = [step]
+            last_step[:] = [step]
             bar.advance(task)
 
         try:
-            start, ahead = look_ahead(stream, tracker, on_frame)
+            start, note = look_ahead(stream, tracker, on_frame)
         except CameraError:
-            for look in looks:
-                look(seen_ahead[0])
+            for preview in previews:
+                preview(last_step[0])
             raise
         bar.reset(task, description='tracking')
-        if ahead:
-            sentences = (*sentences, ahead)
+        if note:
+            sentences = (*sentences, note)
         times = [time.perf_counter()]
 
         def on_progress(step: TrackStep) -> None:

@@ -129,12 +129,12 @@ def print_notes(console: Console, sentences: Iterable[str]) -> None:
 
 
 def present_written(
-    arguments: Namespace, content: dict[str, Any], said: str, more: Iterable[str] = ()
+    arguments: Namespace, content: dict[str, Any], text: str, more: Iterable[str] = ()
 ) -> None:
     """Print what a verb has written, with its `sentences` and more of them as notes."""
 
     def show(console: Console) -> None:
-        console.print(said)
+        console.print(text)
         print_notes(console, (*content['sentences'], *more))
         console.print(f'wrote {content["output"]}')
 

@@ -23,8 +23,8 @@ from pneunet_ros.recordings.recorded_series import find_series, nearest, read_se
 from pneunet_ros.recordings.recording import open_recording, Recording
 
 GAP = 2.5  # median periods without a message
-STILL = 8.0  # standard deviations of a reading, over which it spreads while it stands still
-STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
+NOISE_RANGE = 8.0  # range of constant readings, in standard deviations
+RANGE_SHARE = 0.005  # the same, of the calibrated range of pressure
 
 
 def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
@@ -119,16 +119,16 @@ def topics_of(recording: Recording, series: Mapping[str, ReadingSeries]) -> list
 
 def timing(stamp_ns: Stamps) -> dict[str, Any]:
     """Return rate (Hz) by the median period, jitter (s, standard deviation) and gaps."""
-    apart = np.diff(stamp_ns) * 1e-9
-    if not apart.size or float(np.median(apart)) <= 0.0:
+    intervals = np.diff(stamp_ns) * 1e-9
+    if not intervals.size or float(np.median(intervals)) <= 0.0:
         return {'rate': None, 'jitter': None, 'gaps': 0, 'longest_gap': None}
-    period = float(np.median(apart))
-    steady = apart[apart <= GAP * period]
+    period = float(np.median(intervals))
+    regular = intervals[intervals <= GAP * period]
     return {
         'rate': 1.0 / period,
-        'jitter': float(np.std(steady)),
-        'gaps': int(np.count_nonzero(apart > GAP * period)),
-        'longest_gap': float(np.max(apart)),
+        'jitter': float(np.std(regular)),
+        'gaps': int(np.count_nonzero(intervals > GAP * period)),
+        'longest_gap': float(np.max(intervals)),
     }
 
 
@@ -155,9 +155,9 @@ def ranges(series: Mapping[str, ReadingSeries]) -> dict[str, Any]:
             found['targets'] = item.values.shape[2]
             found['frames'] = len(item.values)
             found['seen_per_target'] = np.isfinite(item.values[:, 0]).sum(axis=0)
-        for place, component in enumerate(item.sensor.components):
-            if np.isfinite(item.values[:, place]).any():
-                found[component.name] = limits(item.values[:, place])
+        for column, component in enumerate(item.sensor.components):
+            if np.isfinite(item.values[:, column]).any():
+                found[component.name] = limits(item.values[:, column])
     return found
 
 
@@ -173,12 +173,12 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
     pressure = series[PRESSURE.name]
     low, high = arm.pressure_range
     values = pressure.values
-    still = [max(STILL * arm.sensors.pressure_std, STILL_SHARE * (high - low))]
+    tolerances = [max(NOISE_RANGE * arm.sensors.pressure_std, RANGE_SHARE * (high - low))]
     if END_WRENCH.name in series:
         wrench = series[END_WRENCH.name]
         found, _ = nearest(pressure.stamp_ns, wrench)
         values = np.column_stack([values, wrench.values[found, :2]])
-        still += [max(STILL * arm.sensors.force_std, STILL_SHARE * arm.weight)] * 2
+        tolerances += [max(NOISE_RANGE * arm.sensors.force_std, RANGE_SHARE * arm.weight)] * 2
     start = int(pressure.stamp_ns[0])
     return [
         {
@@ -186,7 +186,7 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
             'to': seconds_since(start, int(pressure.stamp_ns[last])),
             'pressure': float(np.mean(pressure.values[first : last + 1])),
         }
-        for first, last in held_spans(pressure.stamp_ns, values, np.array(still))
+        for first, last in held_spans(pressure.stamp_ns, values, np.array(tolerances))
     ]
 
 

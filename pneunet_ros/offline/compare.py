@@ -89,20 +89,20 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         'length': length if known else None,
         'tip': None if tip is None else tip_content(tip, length),
         'shape': None if shape is None else shape_content(shape, length),
-        'sentences': [*of.sentences, *to.sentences, *doubts(comparison)],
+        'sentences': [*of.sentences, *to.sentences, *limitations(comparison)],
     }
 
 
 def tip_content(tip: TipErrors, length: float) -> dict[str, Any]:
     """Return the errors of the tip, m and rad."""
-    turned = np.abs(tip.heading[np.isfinite(tip.heading)])
+    heading = np.abs(tip.heading[np.isfinite(tip.heading)])
     return {
         **errors_content(tip.topics, tip.distance, tip.apart, length),
         'at': tip.at,
         'at_end': tip.at_end,
         'moved_between_stamps': float(np.sqrt(np.nanmean(tip.moved**2))),
         'mean': np.mean(tip.difference, axis=0),
-        'heading': asdict(error_statistics(turned)) if turned.size else None,
+        'heading': asdict(error_statistics(heading)) if heading.size else None,
         'inside_95': tip.inside_95,
         'worst_stamp_ns': int(tip.stamp_ns[np.argmax(tip.distance)]),
     }
@@ -112,18 +112,18 @@ def shape_content(shape: CenterlineErrors, length: float) -> dict[str, Any]:
     """Return the errors along the arm, m."""
     distance = shape.distance
     seen = np.count_nonzero(np.isfinite(distance), axis=0)
-    along = np.sqrt(np.nansum(distance**2, axis=0) / np.where(seen > 0, seen, np.nan))
+    rms_along = np.sqrt(np.nansum(distance**2, axis=0) / np.where(seen > 0, seen, np.nan))
     worst, _ = np.unravel_index(np.nanargmax(distance), distance.shape)
     return {
         **errors_content(shape.topics, distance, shape.apart, length),
         'arclength': shape.arclength,
-        'rms_along': along,
+        'rms_along': rms_along,
         'worst_stamp_ns': int(shape.stamp_ns[worst]),
     }
 
 
 def errors_content(
-    topics: tuple[str, str], distance: Array, apart: Array, length: float
+    topics: tuple[str, str], distance: Array, stamp_offsets: Array, length: float
 ) -> dict[str, Any]:
     """Return the fields common to tip and shape errors; lengths in m, stamp distances in s."""
     errors = asdict(error_statistics(distance))
@@ -132,23 +132,26 @@ def errors_content(
         'topics': dict(zip(('of', 'to'), topics, strict=True)),
         'frames': len(distance),
         'points': count,
-        'stamps_apart': {'median': float(np.median(apart)), 'max': float(np.max(apart))},
+        'stamps_apart': {
+            'median': float(np.median(stamp_offsets)),
+            'max': float(np.max(stamp_offsets)),
+        },
         **errors,
         'percent_of_length': {name: 100.0 * value / length for name, value in errors.items()},
     }
 
 
-def doubts(comparison: Comparison) -> list[Note]:
+def limitations(comparison: Comparison) -> list[Note]:
     """Describe the limits of a comparison, or why none is possible."""
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
         sides = f'no frame of {comparison.of.name} matches a frame of {comparison.to.name}'
         return [Note(f'{sides}: {spans(comparison)}', reason='nothing_in_common')]
-    said = []
+    notes = []
     tip = comparison.tip
     if tip is not None and not tip.at_end:
-        said.append(
+        notes.append(
             Note(
                 f'the tip is compared at s = {1000.0 * tip.at:.4g} mm, the last place that both '
                 'cover',
@@ -156,13 +159,13 @@ def doubts(comparison: Comparison) -> list[Note]:
             )
         )
     if not math.isfinite(comparison.length):
-        said.append(
+        notes.append(
             Note(
                 'the length of the arm is not known: give --model to get errors in percent of it',
                 reason='unknown_length',
             )
         )
-    return said
+    return notes
 
 
 def spans(comparison: Comparison) -> str:

@@ -113,14 +113,14 @@ def join(trackings: Iterable[Tracking], table: ReadingTable, delay: float) -> Fi
     trackings = tuple(trackings)
     start = int(table.stamp_ns[0]) - 1 - round(delay * NANOSECONDS_PER_SECOND)
     first = min(start + trackings[0].sightings.stamp_ns, int(table.stamp_ns[0]))
-    moved = max(0, FIRST_STAMP - first)
+    shift = max(0, FIRST_STAMP - first)
     return FilmedRun(
-        trackings=tuple(_moved(tracking, start + moved) for tracking in trackings),
-        table=replace(table, stamp_ns=table.stamp_ns + moved),
+        trackings=tuple(_shifted(tracking, start + shift) for tracking in trackings),
+        table=replace(table, stamp_ns=table.stamp_ns + shift),
     )
 
 
-def _moved(tracking: Tracking, by_ns: int) -> Tracking:
+def _shifted(tracking: Tracking, by_ns: int) -> Tracking:
     sightings, curve = tracking.sightings, tracking.curve
     return replace(
         tracking,
@@ -146,10 +146,10 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
         )
     start = run.table.stamp_ns[0]
     seen = np.array([frame.stamp_ns for frame in sightings])[known] - start
-    along = np.column_stack(
+    tip_positions = np.column_stack(
         [np.interp(run.table.stamp_ns - start, seen, part) for part in tips[known].T]
     )
-    load = np.column_stack([string.pull(along), np.zeros(len(along))])
+    load = np.column_stack([string.pull(tip_positions), np.zeros(len(tip_positions))])
     table = replace(run.table, values={**run.table.values, END_WRENCH.name: load})
     return replace(run, table=table, wrench=STRING_WRENCH.name)
 

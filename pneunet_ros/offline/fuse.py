@@ -103,8 +103,9 @@ class FusionTally:
     """Counts of a replay of the fusion.
 
     modes: number of estimates by mode; determined: those with F1, and with F2; contacts: those
-    with a contact, and those whose contact cannot be distinguished from a tip force; beyond: those
-    while the running NIS exceeded its noise limit; said: those per warning about the setup.
+    with a contact, and those whose contact cannot be distinguished from a tip force; inconsistent:
+    those while the running NIS exceeded its noise limit; warnings: those per warning about the
+    setup.
     """
 
     messages: int = 0
@@ -115,8 +116,8 @@ class FusionTally:
     determined: list[int] = field(default_factory=lambda: [0, 0])
     ambiguous: int = 0
     contacts: list[int] = field(default_factory=lambda: [0, 0])
-    beyond: int = 0
-    said: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SETUP_PROBLEMS, 0))
+    inconsistent: int = 0
+    warnings: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SETUP_PROBLEMS, 0))
 
     def count(self, step: FusionStep) -> None:
         """Count one step."""
@@ -131,8 +132,8 @@ class FusionTally:
             self.ambiguous += outcome.ambiguous
             if outcome.contact is not None:
                 self.contacts[outcome.contact.ambiguous] += 1
-            self.beyond += outcome.nis > outcome.nis_limit
-            for sentence in self.said:
-                self.said[sentence] += sentence in outcome.estimate.warnings
+            self.inconsistent += outcome.nis > outcome.nis_limit
+            for sentence in self.warnings:
+                self.warnings[sentence] += sentence in outcome.estimate.warnings
             for which, value in enumerate(outcome.force.tolist()):
                 self.determined[which] += not math.isnan(value)

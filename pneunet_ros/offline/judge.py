@@ -40,7 +40,7 @@ from pneunet_ros.recordings.recorded_series import find_series, nearest, read_se
 from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.tables.reading_table import ReadingTable
 
-LOADS = 12  # readings and frames at which loads are looked at
+LOADS = 12  # readings and frames at which loads are compared
 FAR_OUTSIDE = 2.0  # largest calibrated loads
 FEWEST = 3  # frames that show a force
 LEVELS = 8  # pressures at which the model is compared with targets
@@ -79,9 +79,11 @@ class TargetFit:
         for x, y, seen, solved in zip(
             shapes.x, shapes.y, self.points, shapes.converged, strict=True
         ):
-            found = arm.see(*(np.interp(self.places, shapes.arclength, part) for part in (x, y)))
-            off = np.sum((np.array(found) - seen) ** 2, axis=0) / arm.length**2
-            squares.append(float(np.nanmean(off)) if solved else 1.0)
+            predicted = arm.see(
+                *(np.interp(self.places, shapes.arclength, part) for part in (x, y))
+            )
+            squared_error = np.sum((np.array(predicted) - seen) ** 2, axis=0) / arm.length**2
+            squares.append(float(np.nanmean(squared_error)) if solved else 1.0)
         return float(np.mean(squares)), len(squares)
 
 
@@ -152,12 +154,14 @@ def judge_recording(
     """
     if not settings.judge_readings:
         return NO_VERDICTS
-    frame = '' if not settings.wrench_required else strange_frame(recording, settings, overrides)
-    read = replace(settings, wrench_frame=frame) if frame else settings
-    series = readable_series(recording, arm, read, overrides)
+    frame = (
+        '' if not settings.wrench_required else undeclared_frame(recording, settings, overrides)
+    )
+    read_settings = replace(settings, wrench_frame=frame) if frame else settings
+    series = readable_series(recording, arm, read_settings, overrides)
     pressure = judge_pressure_series(series, arm, settings, own_model=own_model)
     trusted = pressure is None or not pressure.doubted
-    wrench = judge_wrench_series(series, arm, settings, shows=trusted)
+    wrench = judge_wrench_series(series, arm, settings, targets_usable=trusted)
     if not frame:
         return Verdicts(pressure=pressure, wrench=wrench)
     declared = settings.wrench
@@ -190,9 +194,13 @@ def judge_pressure_series(
 
 
 def judge_wrench_series(
-    series: Mapping[str, ReadingSeries], arm: Arm, settings: EstimatorSettings, *, shows: bool
+    series: Mapping[str, ReadingSeries],
+    arm: Arm,
+    settings: EstimatorSettings,
+    *,
+    targets_usable: bool,
 ) -> WrenchVerdict | None:
-    """Judge the interpretation of the wrench readings; shows: whether targets reveal the force."""
+    """Judge the interpretation of the wrench readings; targets_usable: they reveal the force."""
     wrench, pressure = series.get(END_WRENCH.name), series.get(PRESSURE.name)
     if wrench is None or not len(wrench.stamp_ns):
         return None
@@ -201,9 +209,9 @@ def judge_wrench_series(
     chosen = np.append(np.linspace(0, len(forces) - 1, LOADS).astype(np.int64), largest)
     expected = None
     if pressure is not None and len(pressure.stamp_ns):
-        at, _ = nearest(wrench.stamp_ns[chosen], pressure)
-        expected = expected_load(arm, pressure.values[at, 0])
-    shown = shown_forces(series, arm, declared) if shows else None
+        index, _ = nearest(wrench.stamp_ns[chosen], pressure)
+        expected = expected_load(arm, pressure.values[index, 0])
+    shown = shown_forces(series, arm, declared) if targets_usable else None
     readings = declared.reading(forces[chosen])
     return judge_wrench(readings, declared, expected, shown)
 
@@ -223,19 +231,23 @@ def shown_forces(
         return None
     if targets.values.shape[2] != arm.target_arclength.size:
         return None
-    at, known = nearest(targets.stamp_ns, pressure)
-    by, near = nearest(targets.stamp_ns, wrench)
-    usable = np.flatnonzero(known & near & np.isfinite(targets.values).any(axis=(1, 2)))
+    pressure_index, has_pressure = nearest(targets.stamp_ns, pressure)
+    wrench_index, has_wrench = nearest(targets.stamp_ns, wrench)
+    usable = np.flatnonzero(
+        has_pressure & has_wrench & np.isfinite(targets.values).any(axis=(1, 2))
+    )
     if usable.size < FEWEST:
         return None
-    order = usable[np.argsort(np.abs(complex_forces(wrench.values[by[usable]])), kind='stable')]
+    order = usable[
+        np.argsort(np.abs(complex_forces(wrench.values[wrench_index[usable]])), kind='stable')
+    ]
     chosen = np.sort(order[np.unique(np.linspace(0, order.size - 1, LOADS).astype(np.int64))])
     run = RecordingData(
         name='',
         reading_stamp_ns=pressure.stamp_ns,
         pressure=pressure.values[:, 0],
         stamp_ns=targets.stamp_ns[chosen],
-        reading=at[chosen],
+        reading=pressure_index[chosen],
         loaded=False,
         force=np.zeros((chosen.size, 2)),
         moment=np.zeros(chosen.size),
@@ -249,12 +261,12 @@ def shown_forces(
     return ShownForces(
         force=complex_forces(found.force[good]),
         std=np.sqrt(np.mean(found.sigma[good] ** 2, axis=1)),
-        reading=declared.reading(complex_forces(wrench.values[by[chosen]][good])),
+        reading=declared.reading(complex_forces(wrench.values[wrench_index[chosen]][good])),
         scale=arm.force_scale,
     )
 
 
-def strange_frame(
+def undeclared_frame(
     recording: Recording, settings: EstimatorSettings, overrides: Mapping[str, str]
 ) -> str:
     """Return the frame id of the end wrench if it is not a declared one, else ''."""
@@ -305,11 +317,11 @@ def table_remedy(verdict: PressureVerdict) -> str:
     """Return the options that select the other interpretation of a table's pressures."""
     changes = dict(verdict.changes)
     unit = changes.pop('pressure_unit', None)
-    do = [f'rename its column to pressure_{unit.lower()}'] if unit else []
+    steps = [f'rename its column to pressure_{unit.lower()}'] if unit else []
     if changes:
         options = (f'--{name.replace("_", "-")} {value}' for name, value in changes.items())
-        do.append(f'add {" ".join(options)} to every command that reads the recording')
-    return ' and '.join(do)
+        steps.append(f'add {" ".join(options)} to every command that reads the recording')
+    return ' and '.join(steps)
 
 
 def readable_series(
@@ -317,8 +329,8 @@ def readable_series(
 ) -> dict[str, ReadingSeries]:
     """Read the series for judging the pressure; unreadable ones are reported by other checks."""
     series: dict[str, ReadingSeries] = {}
-    wanted: tuple[Sensor, ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE)  # type: ignore[type-arg]
-    for sensor in wanted:
+    sensors: tuple[Sensor, ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE)  # type: ignore[type-arg]
+    for sensor in sensors:
         topic = find_series(recording, sensor, overrides, required=False)
         if topic is None:
             continue
@@ -341,24 +353,24 @@ def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) ->
     if seen is None:
         return None
     stamp_ns, points, places = seen
-    at, matched = nearest(stamp_ns, pressure)
+    pressure_index, matched = nearest(stamp_ns, pressure)
     load = np.zeros((len(stamp_ns), 3))
     wrench = series.get(END_WRENCH.name)
     if wrench is not None and len(wrench.stamp_ns):
-        found, near = nearest(stamp_ns, wrench)
-        load, matched = wrench.values[found], matched & near
-        if arm.domain is not None:  # what is far outside belongs to a meaning of its own
+        wrench_index, has_wrench = nearest(stamp_ns, wrench)
+        load, matched = wrench.values[wrench_index], matched & has_wrench
+        if arm.domain is not None:  # a load far outside needs a meaning of its own
             most = FAR_OUTSIDE * arm.domain.largest_force
             matched &= np.hypot(load[:, 0], load[:, 1]) <= most
     usable = np.flatnonzero(matched & np.isfinite(points.sum(axis=1)).any(axis=1))
     if not usable.size:
         return None
-    values = reading[at[usable]]
+    values = reading[pressure_index[usable]]
     levels = np.linspace(values.min(), values.max(), LEVELS)
     chosen = usable[sorted({int(np.argmin(np.abs(values - level))) for level in levels})]
     return TargetFit(
         arm=arm,
-        reading=reading[at[chosen]],
+        reading=reading[pressure_index[chosen]],
         load=load[chosen],
         points=points[chosen],
         places=places,
@@ -373,7 +385,9 @@ def measured_points(
     count = arm.target_arclength.size
     if targets is not None and len(targets.stamp_ns) and targets.values.shape[2] == count > 0:
         return targets.stamp_ns, targets.values, arm.target_arclength
-    near = pose is not None and np.nanmax(np.abs(pose.values[:, :2]), initial=0.0) <= arm.reach
-    if pose is not None and near:
+    is_in_reach = (
+        pose is not None and np.nanmax(np.abs(pose.values[:, :2]), initial=0.0) <= arm.reach
+    )
+    if pose is not None and is_in_reach:
         return pose.stamp_ns, pose.values[:, :2, None], np.array([arm.reach])
     return None

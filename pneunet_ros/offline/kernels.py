@@ -56,8 +56,8 @@ def call_kernels(on_progress: OnProgress = say_nothing) -> None:
         ('fit', fit),
     )
     with TemporaryDirectory() as folder:
-        for place, (name, task) in enumerate(tasks):
-            on_progress(name, place, len(tasks))
+        for index, (name, task) in enumerate(tasks):
+            on_progress(name, index, len(tasks))
             task(Path(folder))
     on_progress('', len(tasks), len(tasks))
 

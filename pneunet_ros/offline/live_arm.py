@@ -38,13 +38,13 @@ def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True) as process:
             try:
-                _, said = process.communicate(json.dumps(corners.tolist()))
+                _, errors = process.communicate(json.dumps(corners.tolist()))
             except KeyboardInterrupt:
                 process.send_signal(signal.SIGINT)  # it may not have come from a terminal
                 process.wait(VENTED)
                 raise
         if process.returncode:
-            why = said.strip().splitlines() or ['it ended without a message']
+            why = errors.strip().splitlines() or ['it ended without a message']
             raise RequestError(f'the experiment failed: {why[-1]}', reason='failed')
 
     return record

@@ -70,11 +70,11 @@ def input_topics(
     overrides: full topic name by last name, as given by `--topic pressure=/my/name`. Raises
     RecordingError if a topic is missing or there are two candidates.
     """
-    beside = gravity_inputs(estimator.gravity)
+    gravity = gravity_inputs(estimator.gravity)
     needed = [one for one in (END_WRENCH, PRESSURE) if one.needed(estimator.settings)]
     found = (
-        (find_series(recording, one, overrides, required=one not in beside), one)
-        for one in (*beside, *needed)
+        (find_series(recording, one, overrides, required=one not in gravity), one)
+        for one in (*gravity, *needed)
     )
     return {topic: sensor for topic, sensor in found if topic is not None}
 
@@ -104,7 +104,7 @@ def messages_in_order(
             yield from order.take(message.log_time_ns - 1)
             stamp_ns = header_stamp(message.message)
             order.add(topics[message.topic].name, message.log_time_ns, stamp_ns, message)
-    except RecordingError:  # all before it was read
+    except RecordingError:  # process all messages before the damage
         yield from order.take(math.inf)
         raise
     yield from order.take(math.inf)

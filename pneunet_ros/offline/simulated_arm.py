@@ -66,9 +66,9 @@ def scenario_of_model(arm: Arm) -> Scenario:
     law = arm.moment_law
     low, high = arm.pressure_range
     if isinstance(law, PiecewiseLinearLaw):
-        law_pressure, split, rigidity = law.pressure, law.split, law.rigidity
+        law_pressure, law_split, rigidity = law.pressure, law.split, law.rigidity
     elif isinstance(law, LinearLaw):
-        law_pressure, split = np.array([low, high]), np.full(2, 0.5)
+        law_pressure, law_split = np.array([low, high]), np.full(2, 0.5)
         alpha = law.bending_stiffness / (arm.weight * arm.length**2)
         rigidity = np.full((2, 2), alpha)
     else:
@@ -77,10 +77,10 @@ def scenario_of_model(arm: Arm) -> Scenario:
             reason='unknown_kind',
         )
     table = arm.intrinsic_curvature
-    along = np.linspace(0.0, 1.0, PLACES)
-    curves = np.array([table.at(float(pressure), along) for pressure in table.pressure])
+    arclength = np.linspace(0.0, 1.0, PLACES)
+    curves = np.array([table.at(float(pressure), arclength) for pressure in table.pressure])
     degree = min(DEGREE, 2 * table.arclength.size)
-    modes = legendre.legfit(2.0 * along - 1.0, curves.T, degree).T
+    modes = legendre.legfit(2.0 * arclength - 1.0, curves.T, degree).T
     lab_arm = LabArm(
         name=arm.name,
         length=arm.length,
@@ -91,7 +91,7 @@ def scenario_of_model(arm: Arm) -> Scenario:
         curvature_pressure=table.pressure,
         modes=modes,
         law_pressure=law_pressure,
-        split=split,
+        split=law_split,
         rigidity=rigidity,
     )
     stds = asdict(arm.sensors)

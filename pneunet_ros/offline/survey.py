@@ -89,28 +89,28 @@ def folders_left_out(source: Path, fleet: Sequence[FleetArm]) -> tuple[str, ...]
     if not source.is_dir():
         return ()
     arms = {arm.name for arm in fleet}
-    places = sorted(place.name for place in source.iterdir() if place.is_dir())
-    return tuple(printable(name) for name in places if name not in arms and name[0] != '.')
+    names = sorted(path.name for path in source.iterdir() if path.is_dir())
+    return tuple(printable(name) for name in names if name not in arms and name[0] != '.')
 
 
 def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
     """Return the arms in a folder: each subfolder with an arm file or recordings of a role."""
     shared = folder / ARM
     found = []
-    for place in sorted(folder.iterdir()):
-        if not place.is_dir() or place.name.startswith('.'):
+    for entry in sorted(folder.iterdir()):
+        if not entry.is_dir() or entry.name.startswith('.'):
             continue
-        roles = {role: recordings_of(place, role) for role in ROLES}
-        own = place / ARM
-        if not any(roles.values()) and not own.is_file():
+        roles = {role: recordings_of(entry, role) for role in ROLES}
+        own_file = entry / ARM
+        if not any(roles.values()) and not own_file.is_file():
             continue
         known = {path for paths in roles.values() for path in paths}
-        others = [item for item in recordings_in(place) if item not in known]
+        ignored = [item for item in recordings_in(entry) if item not in known]
         found.append(
             FleetArm(
-                name=place.name,
-                arm=next((file for file in (own, shared) if file.is_file()), arm),
-                ignored=tuple(printable(item.name) for item in others),
+                name=entry.name,
+                arm=next((file for file in (own_file, shared) if file.is_file()), arm),
+                ignored=tuple(printable(item.name) for item in ignored),
                 roles=roles,
             )
         )
@@ -123,19 +123,19 @@ def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
     Case is ignored.
     """
     found: list[Path] = []
-    for place in sorted(folder.iterdir()):
-        if not place.name.lower().startswith(role):
+    for path in sorted(folder.iterdir()):
+        if not path.name.lower().startswith(role):
             continue
-        if is_recording(place):
-            found.append(place)
-        elif place.is_dir():
-            found += recordings_in(place)
+        if is_recording(path):
+            found.append(path)
+        elif path.is_dir():
+            found += recordings_in(path)
     return tuple(found)
 
 
 def recordings_in(folder: Path) -> list[Path]:
     """Return the recordings in a folder."""
-    return [place for place in sorted(folder.iterdir()) if is_recording(place)]
+    return [path for path in sorted(folder.iterdir()) if is_recording(path)]
 
 
 def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
@@ -158,8 +158,10 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
             roles = {role: expanded(row.get(role, ''), table.parent) for role in ROLES}
         except ValueError as error:
             raise RequestError(f'{table}, line {line}: {error}', reason='wrong_form') from error
-        own = row.get('arm', '')
-        found.append(FleetArm(name=name, arm=table.parent / own if own else arm, roles=roles))
+        arm_file = row.get('arm', '')
+        found.append(
+            FleetArm(name=name, arm=table.parent / arm_file if arm_file else arm, roles=roles)
+        )
     return tuple(found)
 
 
@@ -178,9 +180,11 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
             reason='too_large',
         )
     lines = text.splitlines()
-    above = len(list(itertools.takewhile(lambda line: not line.strip() or line[0] == '#', lines)))
-    mark = delimiter(lines[above]) if above < len(lines) else ','
-    reader = csv.DictReader(lines[above:], strict=True, skipinitialspace=True, delimiter=mark)
+    skipped = len(
+        list(itertools.takewhile(lambda line: not line.strip() or line[0] == '#', lines))
+    )
+    mark = delimiter(lines[skipped]) if skipped < len(lines) else ','
+    reader = csv.DictReader(lines[skipped:], strict=True, skipinitialspace=True, delimiter=mark)
     names = [str(name).strip().lower() for name in reader.fieldnames or ()]
     reader.fieldnames = names
     if 'name' not in names or not set(names) <= set(COLUMNS):
@@ -193,14 +197,14 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
         for row in reader:
             if None in row or None in row.values():
                 raise RequestError(
-                    f'{table}, line {above + reader.line_num}: the number of cells is not that '
+                    f'{table}, line {skipped + reader.line_num}: the number of cells is not that '
                     'of the columns',
                     reason='wrong_shape',
                 )
-            yield above + reader.line_num, {key: value.strip() for key, value in row.items()}
+            yield skipped + reader.line_num, {key: value.strip() for key, value in row.items()}
     except csv.Error as error:
         raise RequestError(
-            f'{table}, line {above + reader.line_num}: {error}', reason='damaged'
+            f'{table}, line {skipped + reader.line_num}: {error}', reason='damaged'
         ) from error
 
 
@@ -238,10 +242,10 @@ class SurveyFolder:
         """Reject a folder with foreign files; pages: patterns of the files next to the arms."""
         if self.path.exists() and not self.path.is_dir():
             raise RecordingError(f'{self.path} is a file, not a folder', reason='wrong_kind')
-        for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
-            if place.name != ARMS and not any(fnmatch(place.name, name) for name in pages):
+        for path in sorted(self.path.iterdir()) if self.path.is_dir() else ():
+            if path.name != ARMS and not any(fnmatch(path.name, name) for name in pages):
                 raise RecordingError(
-                    f'{self.path} contains {place.name}, which was not written by a survey: '
+                    f'{self.path} contains {path.name}, which was not written by a survey: '
                     'choose another folder',
                     reason='holds_other_files',
                 )
@@ -250,7 +254,7 @@ class SurveyFolder:
         """Return the folder of an arm."""
         return self.path / ARMS / name
 
-    def kept(self, name: str, key: str) -> dict[str, Any] | None:
+    def finished_row(self, name: str, key: str) -> dict[str, Any] | None:
         """Return the row of a finished arm; None if it must be done.
 
         Raises RecordingError if it was done with other recordings, arm file or options, unless
@@ -288,8 +292,8 @@ class SurveyFolder:
     def write(self, name: str, files: Files, row: Mapping[str, Any]) -> None:
         """Write the files of an arm and its row, replacing any earlier ones."""
         earlier = self.folder(name)
-        there = [item.name for item in earlier.iterdir()] if earlier.is_dir() else []
-        with atomic_output(earlier, overwrite=True, replaceable=there) as folder:
+        written = [item.name for item in earlier.iterdir()] if earlier.is_dir() else []
+        with atomic_output(earlier, overwrite=True, replaceable=written) as folder:
             folder.mkdir()
             for file, content in files.items():
                 (folder / file).parent.mkdir(exist_ok=True)
@@ -303,7 +307,7 @@ OpenWorkers = Callable[[], AbstractContextManager[Executor]]
 
 
 def work_on_fleet(
-    arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, at_once: int
+    arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, concurrency: int
 ) -> Iterator[Outcome]:
     """Yield the result of each arm as it finishes.
 
@@ -315,36 +319,36 @@ def work_on_fleet(
         arms: the arms of the fleet.
         work: the function to apply to each; it must be picklable.
         open_workers: returns new workers.
-        at_once: how many arms are submitted at a time.
+        concurrency: how many arms are submitted at a time.
 
     Yields:
         The arm, and its files or the exception that was raised.
     """
-    left = list(arms)
-    while left:
-        suspects, left = yield from work_together(left, work, open_workers, at_once)
+    pending = list(arms)
+    while pending:
+        suspects, pending = yield from work_concurrently(pending, work, open_workers, concurrency)
         for arm in suspects:
-            died, _ = yield from work_together([arm], work, open_workers, 1)
+            died, _ = yield from work_concurrently([arm], work, open_workers, 1)
             for one in died:
                 why = 'its process died unexpectedly, possibly because memory ran out'
                 yield one, ChildProcessError(why)
 
 
-def work_together(
-    arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, at_once: int
+def work_concurrently(
+    arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, concurrency: int
 ) -> Generator[Outcome, None, tuple[list[FleetArm], list[FleetArm]]]:
     """Yield the results of arms until all are done or a process dies.
 
     Returns the arms that were running then, and those that were not started.
     """
-    left, suspects = deque(arms), list[FleetArm]()
+    pending, suspects = deque(arms), list[FleetArm]()
     running: dict[Future[Files], FleetArm] = {}
     with open_workers() as executor:
         try:
-            while running or (left and not suspects):
-                while left and not suspects and len(running) < at_once:
-                    running[executor.submit(work, left[0])] = left[0]
-                    left.popleft()
+            while running or (pending and not suspects):
+                while pending and not suspects and len(running) < concurrency:
+                    running[executor.submit(work, pending[0])] = pending[0]
+                    pending.popleft()
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
                     arm, error = running.pop(future), future.exception()
@@ -354,12 +358,12 @@ def work_together(
                         raise error
                     else:
                         yield arm, future.result() if error is None else error
-        except BrokenExecutor:  # found out while giving it work
+        except BrokenExecutor:  # noticed while submitting work
             suspects += running.values()
         finally:
             for future in running:
                 future.cancel()
-    return suspects, list(left)
+    return suspects, list(pending)
 
 
 def sentence_of(error: Exception) -> str:

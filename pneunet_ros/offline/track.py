@@ -66,8 +66,8 @@ def look_ahead(
                     raise CameraError(f'{first} (track: --clamp-pixel U V)', reason='wrong_end')
         if state.plane is not None or state.resets:
             break
-    at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames
-    if state.plane is None or state.resets or at_once:
+    is_immediate = sum(state.unexplained.values()) < tracker.settings.rest_frames
+    if state.plane is None or state.resets or is_immediate:
         return TrackerState(), ''
     missed = sum(state.unexplained.values()) - state.unexplained.get(RESTING, 0)
     return TrackerState(plane=state.plane, rest=state.rest), (
@@ -79,16 +79,16 @@ def look_ahead(
 def track_steps(
     stream: ImageStream,
     tracker: Tracker,
-    others: Collection[str] = (),
+    other_topics: Collection[str] = (),
     start: TrackerState | None = None,
 ) -> Iterator[TrackStep]:
     """Feed images and lenses to the tracker in the order of their log time.
 
-    Messages of the topics in `others` are passed on with the outcome None. start: initial state of
-    the tracker from `look_ahead`; None: empty, as live.
+    Messages of the topics in `other_topics` are passed on with the outcome None. start: initial
+    state of the tracker from `look_ahead`; None: empty, as live.
     """
     state = start or TrackerState()
-    for item in stream.read(others):
+    for item in stream.read(other_topics):
         outcome: Tracking | Refusal | None = None
         if isinstance(item.reading, PneunetError):
             outcome = Refusal(
@@ -153,8 +153,8 @@ class TrackTally:
 
     seen (targets,): number of explained frames in which each target was seen; sentences: the
     latest for each reason; causes: counts of why (a key of CAUSES) a target was not seen. points:
-    (2, targets) m of each explained frame; last_pixel: first position of the last target; sizes
-    (targets,): sum of log areas relative to the median of their frame.
+    (2, targets) m of each explained frame; last_pixel: first position of the last target;
+    log_areas (targets,): sum of log areas relative to the median of their frame.
     """
 
     targets: int
@@ -169,7 +169,7 @@ class TrackTally:
     seen: Array = field(init=False)
     last_pixel: tuple[float, float] | None = None
     points: list[Array] = field(default_factory=list)
-    sizes: Array = field(init=False)
+    log_areas: Array = field(init=False)
     _squares: float = 0.0
     _meters: float = 0.0
     _pixels: float = 0.0
@@ -177,7 +177,7 @@ class TrackTally:
     def __post_init__(self) -> None:
         """Start with no target seen."""
         self.seen = np.zeros(self.targets)
-        self.sizes = np.zeros(self.targets)
+        self.log_areas = np.zeros(self.targets)
 
     def count(self, step: TrackStep) -> None:
         """Count one step."""
@@ -199,7 +199,7 @@ class TrackTally:
         self.seen += np.isfinite(found.x)
         known = np.isfinite(found.area)
         if known.any():
-            self.sizes[known] += np.log(found.area[known] / np.median(found.area[known]))
+            self.log_areas[known] += np.log(found.area[known] / np.median(found.area[known]))
         self.points.append(np.stack([found.x, found.y]))
         if self.last_pixel is None and math.isfinite(found.u[-1]):
             self.last_pixel = float(found.u[-1]), float(found.v[-1])
@@ -220,8 +220,8 @@ class TrackTally:
     @property
     def main_sentence(self) -> str:
         """The most frequent sentence among untracked frames of one cause."""
-        others = Counter({it: many for it, many in self.reasons.items() if it != RESTING})
-        counted = others or (Counter() if self.explained else self.reasons)
+        causes = Counter({it: many for it, many in self.reasons.items() if it != RESTING})
+        counted = causes or (Counter() if self.explained else self.reasons)
         return self.sentences[counted.most_common(1)[0][0]] if counted else ''
 
     @property
@@ -238,15 +238,15 @@ class TrackTally:
             f'{self.missing[targets].max():.0f} of {self.explained} frames: {CAUSES[cause]} '
             '(--preview shows where)'
             for cause, targets in mostly.items()
-        ] + self.odd_dots
+        ] + self.odd_sized_dots
 
     @property
-    def odd_dots(self) -> list[str]:
+    def odd_sized_dots(self) -> list[str]:
         """Name the targets whose average size differs from the rest of the row.
 
         The search follows odd dots, but less reliably than the others.
         """
-        size = self.sizes / np.maximum(self.seen, 1.0)  # of logarithmic areas
+        size = self.log_areas / np.maximum(self.seen, 1.0)  # of logarithmic areas
         odd = np.abs(size) > BEAM_SEARCH.odd * BEAM_SEARCH.size_std
         return [
             f'target {target} is {math.exp(0.5 * size[target]):.2g} times as wide as the others: '

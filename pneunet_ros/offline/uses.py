@@ -108,8 +108,8 @@ def uses(
         find_series(recording, PRESSURE, overrides)
         check_readings(verdicts.doubted)
         loaded = has(END_WRENCH)
-        asked = replace(settings, wrench_required=loaded and settings.wrench_required)
-        estimator = Estimator(arm=request.arm, settings=asked)
+        replay_settings = replace(settings, wrench_required=loaded and settings.wrench_required)
+        estimator = Estimator(arm=request.arm, settings=replay_settings)
         topics = input_topics(recording, estimator, overrides)
         targets = targets_topic(recording, estimator, overrides)
         check_estimates(steps(recording, estimator, topics, targets))
@@ -182,7 +182,7 @@ def uses(
         check_targets(data, arm)
         return '; '.join((*notes, *found))
 
-    asked: dict[str, Callable[[], str]] = {
+    attempts: dict[str, Callable[[], str]] = {
         'replay': replays,
         'replay --fuse': fuses,
         'track': tracks,
@@ -190,7 +190,7 @@ def uses(
         'calibrate loaded': calibrates_loaded,
         'diagnose': diagnoses,
     }
-    return {name: _answer(attempt) for name, attempt in asked.items()}
+    return {name: _answer(attempt) for name, attempt in attempts.items()}
 
 
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:
@@ -198,8 +198,8 @@ def by_tip(run: RecordingData, found: Sequence[str]) -> str:
 
     found: facts about the frame in which the pose was measured.
     """
-    way = [] if run.tip_pose is None else [f'with {TIP_POSE.name} as the target at the tip']
-    return '; '.join((*way, *found))
+    remark = [] if run.tip_pose is None else [f'with {TIP_POSE.name} as the target at the tip']
+    return '; '.join((*remark, *found))
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:
@@ -232,8 +232,8 @@ def check_images(stream: ImageStream) -> None:
             return
         if isinstance(item.reading, PneunetError):
             why = str(item.reading)
-    lacking = 'image' if Image not in kinds else 'camera_info'
-    raise RecordingError(f'no {lacking} in it can be used: {why}', reason='nothing_usable')
+    missing = 'image' if Image not in kinds else 'camera_info'
+    raise RecordingError(f'no {missing} in it can be used: {why}', reason='nothing_usable')
 
 
 def _answer(attempt: Callable[[], str]) -> dict[str, Any]:

@@ -142,7 +142,7 @@ def read_run(
     measured = read_gravity(recording, overrides, settings, gravity)
     if measured is not None:
         sentences += measured.sentences
-        unknown = keep & ~measured.near(frames.stamp_ns)
+        unknown = keep & ~measured.is_known(frames.stamp_ns)
         _say_left_out(
             sentences, frames, unknown, 'no_gravity', 'the direction of gravity is unknown'
         )

@@ -21,16 +21,16 @@ from pneunet_ros.messages.compressed_image import decode_compressed, decode_hear
 from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, NO_LENS, PICTURES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 
-LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # looked for beside the images
+LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # in the folder of the images
 RATES = (1e-3, 1e5)  # Hz
 IMAGE_TOPIC = '/pneunet/image_raw'
 CAMERA_FRAME = 'camera'
 LARGEST_PICTURE = 200_000_000  # bytes; a tiff of 64 megapixels and 3 channels has as many
 SILENT = 0  # log level of OpenCV
-FIRST_FRAMES = 20  # that show whether a video has times
-_BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says that some are lost
+FIRST_FRAMES = 20  # read to see whether a video has times
+_BROKEN_OFF = 0.9  # share of the declared frames below which a video counts as cut off
 
-# Read by OpenCV when it opens its first video: ffmpeg shall not print what an error will say.
+# Read by OpenCV when it opens its first video: errors report what ffmpeg would print.
 os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
 
 # Matroska and WebM have no frame count, and their duration is the end of the last frame on a clock
@@ -130,7 +130,7 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
 def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
     grey, complaint = decode_heard(data, colored=colored)
-    if grey is None or complaint:  # a tiff that is damaged is decoded all the same
+    if grey is None or complaint:  # OpenCV also decodes a damaged tiff
         raise MessageError('it is not an image, or it is damaged', reason='damaged')
     if grey.dtype not in (np.uint8, np.uint16):
         raise MessageError(
@@ -150,18 +150,18 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     if not path.is_file():
         raise RecordingError(f'{path} does not exist: give a video file', reason='not_found')
     video = _open_video(path)
-    own, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
+    file_rate, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
     times = _first_times(video)
     video.release()
     if not times:
         raise RecordingError(f'{path} is a video without any readable frame', reason='no_frames')
     timed = rate is None and len(times) > 1 and bool(np.all(np.diff(times) > 0.0))
-    if not (timed or rate or (math.isfinite(own) and RATES[0] <= own <= RATES[1])):
+    if not (timed or rate or (math.isfinite(file_rate) and RATES[0] <= file_rate <= RATES[1])):
         raise RequestError(
             f'{path} does not state its frame rate: give --rate HZ', reason='no_rate'
         )
-    used = rate or own
-    if timed and not RATES[0] <= own <= RATES[1]:
+    used = rate or file_rate
+    if timed and not RATES[0] <= file_rate <= RATES[1]:
         used = 1e3 * (len(times) - 1) / (times[-1] - times[0])
     frames = round(count) if math.isfinite(count) and count >= 1.0 else 1
 
@@ -179,7 +179,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             )
             index += 1
         video.release()
-        if why := _breaks_off(path, index, 1 + since * own / 1e3, frames):
+        if why := _breaks_off(path, index, 1 + since * file_rate / 1e3, frames):
             error = MessageError(f'{path} ends too early: {why}', reason='cut_off')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
@@ -256,7 +256,7 @@ def _stream(
         )
     lens = None if camera_info == NO_LENS else load_camera_info(Path(camera_info))
 
-    def read(_others: Collection[str]) -> Iterator[StreamItem]:
+    def read(_other_topics: Collection[str]) -> Iterator[StreamItem]:
         return with_lens(items(), lens)
 
     return ImageStream(
@@ -278,7 +278,7 @@ def is_matroska(path: Path) -> bool:
 def is_cut(path: Path) -> bool:
     """Whether a Matroska file is shorter than its segment; False if no size is stated."""
     with open_regular(path) as stream:
-        there = stream.seek(0, 2)
+        size_on_disk = stream.seek(0, 2)
         stream.seek(len(MAGIC))
         header = _size(stream)
         if header is None:
@@ -287,7 +287,7 @@ def is_cut(path: Path) -> bool:
         if stream.read(len(SEGMENT)) != SEGMENT:
             return False
         size = _size(stream)
-        return size is not None and stream.tell() + size > there
+        return size is not None and stream.tell() + size > size_on_disk
 
 
 def _size(stream: BinaryIO) -> int | None:

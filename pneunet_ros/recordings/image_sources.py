@@ -105,8 +105,8 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
     elif request.camera_info != NO_LENS:
         lens = load_camera_info(Path(request.camera_info))
 
-    def read(others: Collection[str]) -> Iterator[StreamItem]:
-        items = _recorded_items(recording, image_topic, info_topic, others, request.colored)
+    def read(other_topics: Collection[str]) -> Iterator[StreamItem]:
+        items = _recorded_items(recording, image_topic, info_topic, other_topics, request.colored)
         return items if info_topic is not None else with_lens(items, lens)
 
     return ImageStream(
@@ -144,20 +144,20 @@ def _recorded_items(
     recording: Recording,
     image_topic: str,
     info_topic: str | None,
-    others: Collection[str],
+    other_topics: Collection[str],
     colored: bool,
 ) -> Iterator[StreamItem]:
     """Yield the messages of these topics; undecodable ones carry an error."""
-    read = [name for name in (info_topic, image_topic) if name is not None]
-    topics = {name: recording.topic(name) for name in read}
+    decoded = [name for name in (info_topic, image_topic) if name is not None]
+    topics = {name: recording.topic(name) for name in decoded}
     stores = {name: store_for(topic.type, topic.definition) for name, topic in topics.items()}
-    rest = [name for name in others if name not in topics]
+    passed_on = [name for name in other_topics if name not in topics]
     decoders = dict(DECODERS)
     decoders[COMPRESSED_TYPE] = partial(decode_compressed_image, colored=colored)
-    same, lens = b'', None
-    for name, log_time_ns, raw in recording.raw_messages([*read, *rest]):
+    last_content, lens = b'', None
+    for name, log_time_ns, raw in recording.raw_messages([*decoded, *passed_on]):
         reading: Image | Lens | MessageError | CameraError | None = None
-        if name == info_topic and raw[BEHIND_STAMP:] == same:
+        if name == info_topic and raw[BEHIND_STAMP:] == last_content:
             reading = lens  # nothing but the stamp is new
         elif name in topics:
             kind = topics[name].type
@@ -166,7 +166,7 @@ def _recorded_items(
             except (MessageError, CameraError) as error:
                 reading = error
             if isinstance(reading, Lens):
-                same, lens = raw[BEHIND_STAMP:], reading
+                last_content, lens = raw[BEHIND_STAMP:], reading
         yield StreamItem(log_time_ns, name, reading, raw)
 
 

@@ -189,12 +189,12 @@ def memory_after(path: Path) -> LabMemory:
     truth = truth_file(path)
     try:
         memory = json.loads(read_arrays(truth, MEMORY)['memory'])
-        past = {
+        histories = {
             name: tuple(_number(value) for value in values)
             for name, values in memory['past'].items()
         }
         time, pressure = _number(memory['time']), _number(memory['pressure'])
-        return LabMemory(time=time, pressure=pressure, past=past)
+        return LabMemory(time=time, pressure=pressure, past=histories)
     except NO_MEMORY as error:
         raise RequestError(
             f'--after {path}: {truth} is not the ground truth of a lab recording '

@@ -450,13 +450,13 @@ def write_checksums(path: Path) -> None:
             elif opcode == Opcode.FOOTER:
                 stream.seek(start)
                 summary, _, _ = FOOTER.unpack(stream.read(length))
-                place = start + _FOOTER_CHECKSUM
-                _put(stream, place, checksum_of(stream, summary or position, place))
+                offset = start + _FOOTER_CHECKSUM
+                _put(stream, offset, checksum_of(stream, summary or position, offset))
                 return
             position = start + length
             stream.seek(position)
 
 
-def _put(stream: BinaryIO, place: int, checksum: int) -> None:
-    stream.seek(place)
+def _put(stream: BinaryIO, offset: int, checksum: int) -> None:
+    stream.seek(offset)
     stream.write(CHECKSUM.pack(checksum))

@@ -87,13 +87,13 @@ def store_for(type_name: str, definition: str) -> Typestore:
                 f'{LONGEST_ARRAYS} elements that are not numbers',
                 reason='too_large',
             )
-        own = get_typestore(Stores.ROS2_JAZZY)
+        own_store = get_typestore(Stores.ROS2_JAZZY)
         for name in types:
-            own.fielddefs.pop(name, None)
-            own.types.pop(name, None)
-        own.register(types)
-        own.get_msgdef(type_name)
-        return own
+            own_store.fielddefs.pop(name, None)
+            own_store.types.pop(name, None)
+        own_store.register(types)
+        own_store.get_msgdef(type_name)
+        return own_store
     except RecordingError:
         raise
     except Exception as error:

@@ -53,17 +53,17 @@ def _folder() -> Path:
 @cache
 def _copy(path: Path, changed_ns: int, size: int) -> Path:
     """Return the plain copy of a file, cached by its modification time."""
-    place = Path(tempfile.mkdtemp(dir=_folder()))
+    folder = Path(tempfile.mkdtemp(dir=_folder()))
     plain = path
     if path.suffix == PACKED:
-        plain = place / path.stem
+        plain = folder / path.stem
         _unpack(path, plain)
     with plain.open('rb') as stream:
         is_sqlite = stream.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
     if not is_sqlite:
         return plain
-    copy = place / f'{plain.stem}.mcap'
-    plain = _with_log(plain, place)
+    copy = folder / f'{plain.stem}.mcap'
+    plain = _with_log(plain, folder)
     try:
         _copy_messages(plain, copy)
     except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
@@ -75,7 +75,7 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
     return copy
 
 
-def _with_log(database: Path, place: Path) -> Path:
+def _with_log(database: Path, folder: Path) -> Path:
     """Return a database, or a copy of it if its write-ahead log contains messages.
 
     Even for reading, SQLite writes next to a database with such a log.
@@ -83,8 +83,8 @@ def _with_log(database: Path, place: Path) -> Path:
     log = _log(database)
     if not log.exists() or not log.stat().st_size:
         return database
-    shutil.copyfile(log, place / log.name)
-    return Path(shutil.copyfile(database, place / database.name))
+    shutil.copyfile(log, folder / log.name)
+    return Path(shutil.copyfile(database, folder / database.name))
 
 
 def _log(database: Path) -> Path:
@@ -94,17 +94,17 @@ def _log(database: Path) -> Path:
 
 def _unpack(path: Path, plain: Path) -> None:
     """Unpack a file up to the size limit; of a truncated one, its start."""
-    left = LIMITS.unpacked + LIMITS.expansion * path.stat().st_size
-    with open_regular(path) as packed, plain.open('wb') as out:
+    remaining = LIMITS.unpacked + LIMITS.expansion * path.stat().st_size
+    with open_regular(path) as packed, plain.open('wb') as target:
         try:
             for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
-                left -= len(piece)
-                if left < 0:
+                remaining -= len(piece)
+                if remaining < 0:
                     raise RecordingError(
                         f'{path} expands to more than {LIMITS.expansion} times its size',
                         reason='too_large',
                     )
-                out.write(piece)
+                target.write(piece)
         except zstandard.ZstdError as error:
             raise RecordingError(
                 f'{path} cannot be unpacked by zstd: {error}', reason='damaged'
@@ -133,8 +133,8 @@ def unpacked_message(raw: bytes) -> bytes:
 def _copy_messages(database: Path, copy: Path) -> None:
     """Write the messages of a database of rosbag2 as MCAP, in the order of their log times."""
     log = _log(database)
-    still = '' if log.exists() and log.stat().st_size else '&immutable=1'
-    source = f'{resolved(database, RecordingError).as_uri()}?mode=ro{still}'
+    immutable = '' if log.exists() and log.stat().st_size else '&immutable=1'
+    source = f'{resolved(database, RecordingError).as_uri()}?mode=ro{immutable}'
     with closing(sqlite3.connect(source, uri=True)) as bag, copy.open('wb') as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start('ros2')

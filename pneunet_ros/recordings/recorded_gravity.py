@@ -39,7 +39,7 @@ class RecordedGravity:
     reach: float
     sentences: tuple[str, ...]
 
-    def near(self, stamp_ns: Stamps) -> npt.NDArray[np.bool_]:
+    def is_known(self, stamp_ns: Stamps) -> npt.NDArray[np.bool_]:
         """Return a mask of the stamps (ns) at which gravity is known."""
         return match_stamps(stamp_ns, self.stamp_ns, self.reach * NANOSECONDS_PER_SECOND)[1]
 
@@ -62,7 +62,7 @@ def mounted(
         return settings
     source = GravitySource(settings=settings, gravity=Gravity())
     known, turn = BaseGravity(), None
-    with suppress(MessageError):  # what is not a message is counted where readings are
+    with suppress(MessageError):  # undecodable messages are counted by `read_gravity`
         for message in recording.messages([fixed]):
             known, _ = source.take_frames(known, FIXED_FRAMES.decode(message.message))
         for message in recording.messages([topic]):
@@ -86,8 +86,8 @@ def read_gravity(
     inputs = {sensor.name: sensor for sensor in gravity_inputs(source)}
     topics = find_recorded(recording, inputs.values(), overrides)
     found = {topic: inputs[name] for name, topic in topics.items()}
-    must = bool(source.frame) or gravity.is_measured
-    if not must and BASE_IMU not in found.values():
+    required = bool(source.frame) or gravity.is_measured
+    if not required and BASE_IMU not in found.values():
         return None
     known, refused, counts = BaseGravity(), dict[str, Refusal](), Counter[str]()
     stamps, directions = list[int](), list[Direction]()
@@ -109,14 +109,16 @@ def read_gravity(
             stamps.append(read_ns)
             directions.append(direction)
     if not stamps:
-        unsaid = source.at(known, 1)[1]
-        why = [one.sentence for one in refused.values()] or [unsaid.sentence if unsaid else '']
+        refusal_at_start = source.at(known, 1)[1]
+        why = [one.sentence for one in refused.values()] or [
+            refusal_at_start.sentence if refusal_at_start else ''
+        ]
         raise RecordingError(f'{recording.path}: {"; ".join(why)}', reason='no_gravity')
-    moves = not source.frame or source.moves(known)
+    varies = not source.frame or source.moves(known)
     return RecordedGravity(
         stamp_ns=np.array(stamps, dtype=np.int64),
         direction=np.array(directions),
-        reach=settings.gravity_timeout if moves else math.inf,
+        reach=settings.gravity_timeout if varies else math.inf,
         sentences=tuple(
             f'left out {count} readings of gravity ({reason}): {refused[reason].sentence}'
             for reason, count in counts.items()

@@ -98,9 +98,9 @@ def find_series(
 def without_topic(recording: Recording, sensor: Input[Any]) -> str:
     """Report that a recording has no topic of a sensor, with a remedy."""
     types = {topic.type for topic in recording.topics}
-    others = [topic.name for topic in recording.topics if topic.type == sensor.type]
-    if others:
-        remedy = f'name it, e.g. --topic {sensor.name}={others[0]}'
+    same_type = [topic.name for topic in recording.topics if topic.type == sensor.type]
+    if same_type:
+        remedy = f'name it, e.g. --topic {sensor.name}={same_type[0]}'
     elif sensor is END_WRENCH:
         remedy = 'add --no-wrench-required if nothing was attached to the arm'
     elif sensor is TARGETS and types & {IMAGE_TYPE, COMPRESSED_TYPE}:

@@ -113,10 +113,10 @@ def read_measured(
     recording: Recording, overrides: Mapping[str, str], target_arclength: Array
 ) -> ShapeSeries:
     """Return the targets and the pose of the tip."""
-    there = find_recorded(recording, (TARGETS, TIP_POSE), overrides)
+    topics = find_recorded(recording, (TARGETS, TIP_POSE), overrides)
     centerlines = tips = None
     sentences = [*recording.sentences]
-    series = read_series(recording, there, EstimatorSettings(), target_arclength.size)
+    series = read_series(recording, topics, EstimatorSettings(), target_arclength.size)
     for item in series.values():
         sentences += item.sentences()
     if TARGETS.name in series:
@@ -196,17 +196,17 @@ def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) 
     return StampedRows(
         frame=''.join(frames),
         stamp_ns=increasing_ns,
-        rows=[rows[place] for place in kept.tolist()],
+        rows=[rows[index] for index in kept.tolist()],
         sentences=(f'{topic}: left out {twice} messages with repeated stamps',) if twice else (),
     )
 
 
 def tip_row(message: Any) -> Array:
     """Return x, y (m), heading (rad) and the four covariances of x and y (m^2) of a tip, (7,)."""
-    pose, turned = message.pose.pose.position, message.pose.pose.orientation
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
     covariance = np.asarray(message.pose.covariance, dtype=np.float64)[PLACES]
-    heading = 2.0 * math.atan2(turned.z, turned.w)
-    return np.array([pose.x, pose.y, heading, *covariance], dtype=np.float64)
+    heading = 2.0 * math.atan2(orientation.z, orientation.w)
+    return np.array([position.x, position.y, heading, *covariance], dtype=np.float64)
 
 
 def shape_row(message: Any) -> Array:

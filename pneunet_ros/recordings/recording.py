@@ -29,7 +29,7 @@ from pneunet_ros.recordings.plain_mcap import plain_mcap, unpacked_message
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
 LEFT_OUT_SHOWN = 20  # channels that are named where they are left out
-HELD_BESIDE = 300  # bytes that Python holds beside the content of a message
+MESSAGE_OVERHEAD = 300  # bytes that Python needs in addition to the content of a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,30 +149,30 @@ class Recording:
         Messages with equal log time are in the order of `topics`. Raises RecordingError if a file
         turns out to be damaged.
         """
-        rank = {name: place for place, name in enumerate(topics)}
+        rank = {name: file_index for file_index, name in enumerate(topics)}
         order, read, total = count(), 0, self.count(topics)
         blocks = sorted(
-            (block.start_ns, place, number)
-            for place, file in enumerate(self.files)
+            (block.start_ns, file_index, number)
+            for file_index, file in enumerate(self.files)
             for number, block in enumerate(file.blocks)
-            if any(self.channels[place].get(channel) in rank for channel in block.channels)
+            if any(self.channels[file_index].get(channel) in rank for channel in block.channels)
         )
         pending: list[tuple[int, int, int, RawMessage]] = []
-        held = 0
+        held_bytes = 0
         with ExitStack() as stack:
             streams = [stack.enter_context(_open(file.path)) for file in self.files]
-            for index, (_, place, number) in enumerate(blocks):
-                file, names = self.files[place], self.channels[place]
+            for index, (_, file_index, number) in enumerate(blocks):
+                file, names = self.files[file_index], self.channels[file_index]
                 for channel, log_time, raw in read_block(
-                    file.path, streams[place], file.blocks[number]
+                    file.path, streams[file_index], file.blocks[number]
                 ):
                     name = names.get(channel)
                     if name is not None and name in rank:
                         raw = unpacked_message(raw)
                         message = RawMessage(name, log_time, raw)
                         pending.append((log_time, rank[name], next(order), message))
-                        held += len(raw) + HELD_BESIDE
-                        _check_held(file.path, held)
+                        held_bytes += len(raw) + MESSAGE_OVERHEAD
+                        _check_held(file.path, held_bytes)
                 pending.sort()
                 # The rest of the blocks starts at the next one: what is earlier is in order.
                 ready = len(pending)
@@ -183,7 +183,7 @@ class Recording:
                     read += 1
                     if read % STEP == 0:
                         say_how_far(f'reading {self.path.name}', read, total)
-                    held -= len(entry[3].raw) + HELD_BESIDE
+                    held_bytes -= len(entry[3].raw) + MESSAGE_OVERHEAD
                 del pending[:ready]
 
     def messages(
@@ -214,8 +214,8 @@ class Recording:
 
     def contents(self) -> str:
         """List the topics with their types as text."""
-        there = ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics)
-        return there or '; '.join(('no messages', *self.sentences))
+        topics = ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics)
+        return topics or '; '.join(('no messages', *self.sentences))
 
 
 def open_recording(path: str | Path) -> Recording:
@@ -307,8 +307,8 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     )
 
 
-def _check_held(path: Path, held: int) -> None:
-    if held > LIMITS.waiting:
+def _check_held(path: Path, held_bytes: int) -> None:
+    if held_bytes > LIMITS.waiting:
         raise RecordingError(
             f'{path} has more than {LIMITS.waiting // 10**6} MB of messages in one chunk, or in '
             'chunks that overlap in time: sort it with `mcap sort`',

@@ -136,23 +136,23 @@ def test_what_is_done_is_kept_until_something_changes(tmp_path):
     assert arm_key(arm, {'static': False})[0] != key
     out = SurveyFolder(path=tmp_path / 'out', overwrite=False)
     out.check(PAGES)
-    assert out.kept('a', key) is None
+    assert out.finished_row('a', key) is None
     out.write('a', {'model.yaml': b'm'}, {'key': key, 'failed': ''})
-    assert out.kept('a', key) == {'key': key, 'failed': ''}
+    assert out.finished_row('a', key) == {'key': key, 'failed': ''}
     out.check(PAGES)
     touch(tmp_path / 'a/unloaded.mcap', 'another')
     other, _ = arm_key(arm, {'static': True})
     assert other != key
     with refused(RecordingError, 'other_inputs'):
-        out.kept('a', other)
-    assert SurveyFolder(path=out.path, overwrite=True).kept('a', other) is None
+        out.finished_row('a', other)
+    assert SurveyFolder(path=out.path, overwrite=True).finished_row('a', other) is None
     out.write('a', {'other.yaml': b'm'}, {'key': other, 'failed': 'no frame'})
     assert sorted(file.name for file in out.folder('a').iterdir()) == ['arm.json', 'other.yaml']
-    assert out.kept('a', other)['failed'] == 'no frame'
-    assert out.kept('a', key) is None  # what failed is simply tried again
+    assert out.finished_row('a', other)['failed'] == 'no frame'
+    assert out.finished_row('a', key) is None  # what failed is simply tried again
     touch(out.folder('a') / 'arm.json', '[')
     with refused(RecordingError, 'damaged'):
-        out.kept('a', key)
+        out.finished_row('a', key)
 
 
 def test_a_folder_of_other_things_is_refused(tmp_path):

@@ -27,7 +27,7 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Check the recordings and print the findings."""
-    # All that reads a recording: a second of imports, which --help spares.
+    # These imports take a second, which --help does not need.
     from pneunet_ros.offline.check import check_recording
     from pneunet_ros.offline.uses import UseRequest
     from pneunet_ros.recordings.image_sources import TOPIC_NAMES
@@ -78,8 +78,8 @@ def show_one(found: dict[str, Any], console: Console) -> None:
     more = ', ...' if len(holds) > HOLDS_SHOWN else ''
     console.print(f'holds: {len(holds)}{": " if holds else ""}{shown}{more}')
     for name, use in found['uses'].items():
-        answer = 'yes' if use['usable'] else 'no'
-        console.print(f'{name}: {", ".join(part for part in (answer, use["reason"]) if part)}')
+        usable = 'yes' if use['usable'] else 'no'
+        console.print(f'{name}: {", ".join(part for part in (usable, use["reason"]) if part)}')
     verb.print_notes(console, found['sentences'])
 
 
@@ -87,13 +87,13 @@ def sync_lines(sync: dict[str, Any]) -> list[str]:
     """Describe the timing of other topics relative to the pressure."""
     return [
         f'{name} to pressure: {100.0 * numbers["share"]:.4g} % within half a period, '
-        f'{later(1e3 * numbers["offset"], "ms")} than the nearest, first one '
-        f'{later(numbers["starts"], "s")}'
+        f'{time_difference(1e3 * numbers["offset"], "ms")} than the nearest, first one '
+        f'{time_difference(numbers["starts"], "s")}'
         for name, numbers in sync.items()
     ]
 
 
-def later(time: float, unit: str) -> str:
+def time_difference(time: float, unit: str) -> str:
     """Return a time difference in words."""
     return f'{abs(time):.3g} {unit} {"earlier" if time < 0.0 else "later"}'
 

@@ -109,9 +109,9 @@ def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Return the chosen topics of A and of B, by last name."""
     of_one = [f'{side}.{name}' for side in SIDES for name in SHAPE_TOPICS]
     chosen = verb.topics_of(pairs, [*SHAPE_TOPICS, *of_one])
-    both = {name: topic for name, topic in chosen.items() if name in SHAPE_TOPICS}
+    common = {name: topic for name, topic in chosen.items() if name in SHAPE_TOPICS}
     a, b = (
-        both
+        common
         | {name: chosen[f'{side}.{name}'] for name in SHAPE_TOPICS if f'{side}.{name}' in chosen}
         for side in SIDES
     )
@@ -140,11 +140,11 @@ def show(contents: list[dict[str, Any]], plot: Path | None, console: Console) ->
 
 def error_rows(name: str, errors: dict[str, Any], *, known: bool) -> Iterator[list[str]]:
     """Yield the rows for an error: mm, percent of the length if known, and degrees."""
-    turned = errors.get('heading')
+    heading = errors.get('heading')
     for label, unit, values, factor in (
         (name, 'mm', errors, millimeters(1.0)),
         ('', '% of the length', errors['percent_of_length'] if known else None, 1.0),
-        ('tip heading', 'deg', turned, math.degrees(1.0)),
+        ('tip heading', 'deg', heading, math.degrees(1.0)),
     ):
         if values is not None:
             numbers = (f'{factor * values[key]:.3f}' for key in ('rms', 'median', 'p95', 'max'))
@@ -154,18 +154,18 @@ def error_rows(name: str, errors: dict[str, Any], *, known: bool) -> Iterator[li
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:
     """Describe the compared topics, the number of frames, and the difference of their stamps."""
     of, to = errors['topics'].values()
-    apart = errors['stamps_apart']
-    said = (
+    offsets = errors['stamps_apart']
+    text = (
         f'{name}: {of} against {to}, {errors["frames"]} frames matched, stamps '
-        f'{1e3 * apart["median"]:.3g} ms apart (median), {1e3 * apart["max"]:.3g} ms at most'
+        f'{1e3 * offsets["median"]:.3g} ms apart (median), {1e3 * offsets["max"]:.3g} ms at most'
     )
     if name != 'tip':
-        return f'{said}; {errors["points"]} points at {len(errors["arclength"])} places'
+        return f'{text}; {errors["points"]} points at {len(errors["arclength"])} places'
     along, across = (millimeters(value) for value in errors['mean'].tolist())
-    said += f'; mean difference ({along:+.3f}, {across:+.3f}) mm'
-    moved = errors['moved_between_stamps']
-    if moved > 0.0:
-        said += f'; between matched stamps it moves {millimeters(moved):.3f} mm rms'
+    text += f'; mean difference ({along:+.3f}, {across:+.3f}) mm'
+    displacement = errors['moved_between_stamps']
+    if displacement > 0.0:
+        text += f'; between matched stamps it moves {millimeters(displacement):.3f} mm rms'
     if math.isfinite(errors['inside_95']):
-        said += f'; {100.0 * errors["inside_95"]:.1f} % within the 95 % ellipse'
-    return said
+        text += f'; {100.0 * errors["inside_95"]:.1f} % within the 95 % ellipse'
+    return text

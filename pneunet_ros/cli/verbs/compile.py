@@ -16,10 +16,10 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Compile the missing kernels."""
-    begun = time.process_time()
+    start = time.process_time()
     with alone(), verb.progress_bar(shown=not arguments.json) as bar:
-        there = kernels_kept()
-        if not there:
+        already_compiled = kernels_kept()
+        if not already_compiled:
             # What waits for its turn need not have imported all that has kernels.
             from pneunet_ros.offline.kernels import call_kernels
 
@@ -31,10 +31,10 @@ def run(arguments: Namespace) -> int:
                 )
             )
             note_kept()
-    seconds = time.process_time() - begun
-    content = {'folder': cache_folder(), 'compiled': not there, 'cpu_seconds': seconds}
-    said = f'compiled into {cache_folder()}: {seconds:.0f} s of CPU'
-    if there:
-        said = f'the kernels are already compiled, in {cache_folder()}'
-    verb.present(arguments, content, lambda console: console.print(said))
+    seconds = time.process_time() - start
+    content = {'folder': cache_folder(), 'compiled': not already_compiled, 'cpu_seconds': seconds}
+    text = f'compiled into {cache_folder()}: {seconds:.0f} s of CPU'
+    if already_compiled:
+        text = f'the kernels are already compiled, in {cache_folder()}'
+    verb.present(arguments, content, lambda console: console.print(text))
     return verb.DONE

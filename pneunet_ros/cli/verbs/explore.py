@@ -290,8 +290,8 @@ def write_round(
         'figure_gap.png': gap_picture(rounds).png,
     }
     for name, content in files.items():
-        with atomic_output(folder / name, overwrite=True) as place:
-            place.write_bytes(content)
+        with atomic_output(folder / name, overwrite=True) as path:
+            path.write_bytes(content)
 
 
 def show_round(rounds: list[Round], console: Console) -> None:
@@ -323,10 +323,10 @@ def write_end(
     about = {**provenance, 'inputs': inputs_of([('training', paths)])}
     about.pop('settings')
     about.pop('seed')
-    with atomic_output(given.folder) as place:
+    with atomic_output(given.folder) as path:
         write_diagnosis(
             last.diagnosis,
-            place,
+            path,
             frame=model,
             training=training,
             held_out=[],

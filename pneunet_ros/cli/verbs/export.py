@@ -86,9 +86,9 @@ def run(arguments: Namespace) -> int:
         'scales': {'length': units.length.size, 'force': units.force.size},
         'sentences': sentences,
     }
-    said = f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}'
+    text = f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}'
     scales = [verb.scales_sentence(arm)] if arguments.dimensionless else []
-    verb.present_written(arguments, summary, said, scales)
+    verb.present_written(arguments, summary, text, scales)
     return verb.DONE
 
 

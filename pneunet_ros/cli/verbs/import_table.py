@@ -68,6 +68,6 @@ def run(arguments: Namespace) -> int:
         'sentences': [*doubts, *hints, *sentences],
     }
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
-    said = f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}'
-    verb.present_written(arguments, summary, said)
+    text = f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}'
+    verb.present_written(arguments, summary, text)
     return verb.NEGATIVE if doubts else verb.DONE

@@ -69,9 +69,9 @@ def run(arguments: Namespace) -> int:
         'radius': chain.radius,
         'pressure_range': [chain.pressure[0], chain.pressure[-1]],
     }
-    said = (
+    text = (
         f'wrote {arguments.output}: {arm.name} with {chain.hinge.size} hinges and '
         f'{1e3 * (chain.mass + chain.tip_mass):.1f} g, damping time {chain.damping_time:g} s'
     )
-    verb.present(arguments, content, lambda console: console.print(said))
+    verb.present(arguments, content, lambda console: console.print(text))
     return verb.DONE

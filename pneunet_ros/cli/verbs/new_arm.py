@@ -99,15 +99,15 @@ def run(arguments: Namespace) -> int:
         'dot': sizes['dot'],
         'target_arclength': places,
     }
-    shown = ', '.join(f'{millimeters(place):g}' for place in places.tolist())
-    said = [
+    shown = ', '.join(f'{millimeters(position):g}' for position in places.tolist())
+    lines = [
         f'{name}: {millimeters(arm.length):g} mm, {arm.weight:.4g} N, up to '
         f'{kilopascals(sizes["pressure"]):g} kPa; {places.size} targets at {shown} mm',
         f'wrote {arguments.output}: dimensions and targets are yours; all other values are '
         'placeholders',
         *([] if template is None else [f'wrote {template}: print at 100 % and check its ruler']),
     ]
-    verb.present(arguments, summary, lambda console: console.print('\n'.join(said)))
+    verb.present(arguments, summary, lambda console: console.print('\n'.join(lines)))
     return verb.DONE
 
 

@@ -166,8 +166,8 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
         status = f'{shape.status}; the tip comes within {missed:.3g} mm of the requested position'
         return pressure, replace(shape, status=status)
     if what == 'force' and len(numbers) == 1 and arguments.tip:
-        wanted = quantity_of('--pressure-for force', numbers[0], 'force')
-        return pressure_for_force(arm, wanted, tuple(arguments.tip), moment)
+        target_force = quantity_of('--pressure-for force', numbers[0], 'force')
+        return pressure_for_force(arm, target_force, tuple(arguments.tip), moment)
     raise RequestError(
         'write --pressure-for tip X Y (e.g. tip 95mm 40mm) or --pressure-for force F --tip X Y '
         '(e.g. force 50mN)',
@@ -228,11 +228,11 @@ def estimate_uncertainty(
 
 def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
     """Return F1, F2 and M as sensors read them under the true load; all sensing is affine."""
-    nothing = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
+    offset = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
     units = np.eye(3).tolist()
-    responses = [true_load(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
+    responses = [true_load(estimator.arm, (*unit, pressure))[:3] - offset for unit in units]
     true = np.array([*shape.force, shape.end_moment])
-    read: list[float] = np.linalg.solve(np.transpose(responses), true - nothing).tolist()
+    read: list[float] = np.linalg.solve(np.transpose(responses), true - offset).tolist()
     return read
 
 

@@ -95,14 +95,14 @@ def run_estimator(arguments: Namespace) -> int:
     tally = replay.Tally()
     pressure = replay.topic_of_pressure(topics)
     views = (markers_output(lambda: arm), transform_output(TIP_FRAME), JOINT_STATES)
-    begun = time.perf_counter()
+    start = time.perf_counter()
     with playing(
         arguments, recording, inputs, 'replaying', lambda step: tally.count(step, pressure)
     ) as (writer, on_progress):
         shown = views if arguments.views else ()
         replay.record_steps(writer, recording, estimator, topics, on_progress, shown, targets)
     agreement = tally.agreement(arm)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - start
     state = tally.state
     summary = common_summary(arguments, arm, inputs, verdicts, tally.refusal) | {
         'pressure_readings': tally.pressures,

@@ -145,34 +145,34 @@ class Survey:
             files = sorted(Path(self.request.effects_path).glob('*.py'))
             decided['effects'] = {file.name: file_hash(file) for file in files}
         rows: dict[str, dict[str, Any]] = {}
-        begun: dict[str, dict[str, Any]] = {}
+        jobs: dict[str, dict[str, Any]] = {}
         for arm in self.bar.track(fleet, description='reading the arms'):
             try:
                 key, inputs = arm_key(arm, decided)
             except PneunetError as error:
                 rows[arm.name] = row_of(arm, {}, failed=sentence_of(error))
                 continue
-            kept = self.folder.kept(arm.name, key)
+            kept = self.folder.finished_row(arm.name, key)
             if kept is None:
-                begun[arm.name] = {'key': key, 'inputs': inputs}
+                jobs[arm.name] = {'key': key, 'inputs': inputs}
             else:
                 rows[arm.name] = kept
                 self.kept += 1
-        left = [arm for arm in fleet if arm.name in begun]
-        at_once = len(left) if scheduler else workers or os.cpu_count() or 1
-        task = self.bar.add_task('arms', total=len(fleet), completed=len(fleet) - len(left))
+        pending = [arm for arm in fleet if arm.name in jobs]
+        concurrency = len(pending) if scheduler else workers or os.cpu_count() or 1
+        task = self.bar.add_task('arms', total=len(fleet), completed=len(fleet) - len(pending))
         for arm, outcome in work_on_fleet(
-            left,
+            pending,
             SurveyWork(request=self.request),
             lambda: open_executor(workers=workers, scheduler=scheduler),
-            at_once,
+            concurrency,
         ):
-            rows[arm.name] = self.keep(arm, outcome, begun[arm.name])
+            rows[arm.name] = self.keep(arm, outcome, jobs[arm.name])
             self.bar.update(task, advance=1, description=f'arms, {arm.name} is done')
         return rows
 
     def keep(
-        self, arm: FleetArm, outcome: Mapping[str, bytes] | Exception, begun: dict[str, Any]
+        self, arm: FleetArm, outcome: Mapping[str, bytes] | Exception, job: dict[str, Any]
     ) -> dict[str, Any]:
         """Store the results of an arm, and return its row.
 
@@ -182,14 +182,14 @@ class Survey:
         from pneunet_ros.cli.survey_arm import FOUND
 
         if isinstance(outcome, PneunetError):
-            row = row_of(arm, begun, failed=sentence_of(outcome))
+            row = row_of(arm, job, failed=sentence_of(outcome))
             self.folder.write(arm.name, {}, row)
             return row
         if isinstance(outcome, Exception):
-            return row_of(arm, begun, failed=sentence_of(outcome))
+            return row_of(arm, job, failed=sentence_of(outcome))
         files = dict(outcome)
         found = json.loads(files.pop(FOUND))
-        row = row_of(arm, begun, found=found)
+        row = row_of(arm, job, found=found)
         self.folder.write(arm.name, files, row)
         return row
 
@@ -240,20 +240,20 @@ class Survey:
             NUMBERS: json_text(content, indent=1).encode(),
         } | {item.file: item.png for part in pictures.values() for item in part}
         for name, text in files.items():
-            with atomic_output(self.folder.path / name, overwrite=True) as place:
-                place.write_bytes(text)
+            with atomic_output(self.folder.path / name, overwrite=True) as path:
+                path.write_bytes(text)
         return content
 
 
 def row_of(
     arm: FleetArm,
-    begun: Mapping[str, Any],
+    job: Mapping[str, Any],
     *,
     failed: str = '',
     found: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the row of an arm: its inputs and results."""
-    return {'name': arm.name, **begun, 'failed': failed, 'found': dict(found or {})}
+    return {'name': arm.name, **job, 'failed': failed, 'found': dict(found or {})}
 
 
 def compare(arms: Sequence[SurveyedArm], seed: int) -> Fleet:

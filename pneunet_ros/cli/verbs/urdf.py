@@ -46,6 +46,6 @@ def run(arguments: Namespace) -> int:
         temporary.write_text(text, encoding='utf-8')
     links = link_ends(arguments.stations).size - 1
     content = {'output': arguments.output, 'model': arm.name, 'links': links}
-    said = f'wrote {arguments.output}: {arm.name} as a chain of {links} links'
-    verb.present(arguments, content, lambda console: console.print(said))
+    sentence = f'wrote {arguments.output}: {arm.name} as a chain of {links} links'
+    verb.present(arguments, content, lambda console: console.print(sentence))
     return verb.DONE
