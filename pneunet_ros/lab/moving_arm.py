@@ -242,7 +242,7 @@ class Run:
         self.model = self.mujoco.MjModel.from_xml_string(text)
         self.data = self.mujoco.MjData(self.model)
         start = self.model.body('link_1' if self.gives else 'base').id
-        self.bodies = np.arange(start, start + self.links + 1)
+        self.bodies = slice(start, start + self.links + 1)
         self.dofs = slice(int(self.turning), None)
         # From the middle of mass of each link back to where it begins (m).
         self.middles = np.full(self.links + 1, 0.5 * self.link)
@@ -339,38 +339,31 @@ class Run:
         damping = max(self.motion.damping_time - self.motion.timestep, 0.0)
         model.dof_damping[dofs] = damping * stiffness * (1.0 + 3.0 * hinges.cubic * bent**2)
 
-    def headings(self) -> Array:
-        """Return the headings (links + 1,) rad of all links in the world."""
-        qpos = self.data.qpos
-        turned = np.cumsum(qpos[self.dofs])
-        turned = turned if self.gives else np.append(0.0, turned)
-        base = float(qpos[0]) if self.turning else 0.0
-        return freeze(base + self.arm.clamp_angle + turned)
-
     def set_loads(self, chain: Chain, row: int) -> None:
         """Apply the forces of one instant to all links, at the positions in `data`."""
-        heading = self.headings()
-        base = float(self.data.qpos[0]) if self.turning else 0.0
+        qpos = self.data.qpos
+        base = float(qpos[0]) if self.turning else 0.0
+        turned = np.cumsum(qpos[self.dofs])
         force = self.hinges.weight[row].copy()
         torque = np.zeros(self.links + 1)
         torque[-1] += chain.moment[row]
         end = 0.5 * self.link + chain.beyond - self.middles[-1]
-        relative = heading[-1] - base
-        lever = along(relative, end, chain.beside)
+        lever = along(self.arm.clamp_angle + turned[-1], end, chain.beside)
         add(force, torque, self.links, chain.force[row], lever)
         if chain.push is not None:
             place = chain.push.place
             link = min(int(place / self.link + 0.5), self.links)
             start = max(link - 0.5, 0.0) * self.link
-            relative = heading[link] - base
+            before = link if self.gives else link - 1
+            relative = self.arm.clamp_angle + (turned[before] if before >= 0 else 0.0)
             push = along(relative, 0.0, float(chain.push.force[row]))
             lever = along(relative, place - start - self.middles[link], 0.0)
             add(force, torque, link, push, lever)
-        cosine, sine = np.cos(base), np.sin(base)
-        applied = self.data.xfrc_applied
-        applied[self.bodies, 0] = cosine * force[:, 0] - sine * force[:, 1]
-        applied[self.bodies, 1] = sine * force[:, 0] + cosine * force[:, 1]
-        applied[self.bodies, 5] = torque
+        if self.turning:
+            cosine, sine = np.cos(base), np.sin(base)
+            force = force @ np.array([[cosine, sine], [-sine, cosine]])
+        applied = self.data.xfrc_applied[self.bodies]
+        applied[:, :2], applied[:, 5] = force, torque
 
     def frames(self, times: Array) -> Iterator[Frame]:
         """Step through the recording; yield events at times (frames,) s, increasing."""
@@ -378,9 +371,12 @@ class Run:
         count = int(np.ceil(times[-1] / step))
         for first in range(0, count, BLOCK):
             begins = step * np.arange(first, min(first + BLOCK, count), dtype=np.float64)
-            for row, before in enumerate(self.steps(self.chain_at, begins, begins)):
+            for row, joints in enumerate(self.steps(self.chain_at, begins, begins)):
+                begun = float(begins[row])
+                if wanted == times.size or times[wanted] > begun + step:
+                    continue
                 contact = self.contact()
-                after, begun = self.state(), float(begins[row])
+                before, after = self.state(*joints), self.state(*self.joints)
                 while wanted < times.size and times[wanted] <= begun + step:
                     share = float(times[wanted] - begun) / step
                     angles, rates = (
@@ -391,16 +387,14 @@ class Run:
                     wanted += 1
             self.check(float(begins[-1]) + step)
 
-    def steps(
-        self, chain_at: ChainAt, begins: Array, of_base: Array
-    ) -> Iterator[tuple[Array, Array]]:
-        """Step at times (n,) s, with others for the base; yield the state before each step."""
+    def steps(self, chain_at: ChainAt, begins: Array, of_base: Array) -> Iterator[Swing]:
+        """Step at times (n,) s, with others for the base; yield the joints before each step."""
         # Springs and loads of a step are those in its middle.
         chain = chain_at(freeze(begins + 0.5 * self.motion.timestep))
         self.hinges = Hinges(chain, self.links)
         base, pulls = self.base_at(of_base), self.motion.pull(of_base, self.duration)
         for row in range(begins.size):
-            before = self.state()
+            before = self.joints
             self.model.opt.gravity[:2] = pulls[row, :2]
             self.step(chain, row, base)
             yield before
@@ -442,12 +436,16 @@ class Run:
         self.set_loads(chain, row)
         self.mujoco.mj_step2(self.model, self.data)
 
-    def state(self) -> tuple[Array, Array]:
+    @property
+    def joints(self) -> Swing:
+        """Angles (rad) and rates (rad/s) of the hinges, and of the clamp if it gives."""
+        return self.data.qpos[self.dofs].copy(), self.data.qvel[self.dofs].copy()
+
+    def state(self, angles: Array, rates: Array) -> tuple[Array, Array]:
         """Return angles (rad) and rates (rad/s) of clamp and hinges, each (links + 1,)."""
-        found = np.array([self.data.qpos[self.dofs], self.data.qvel[self.dofs]])
-        if not self.gives:
-            found = np.concatenate([np.zeros((2, 1)), found], axis=1)
-        return found[0], found[1]
+        if self.gives:
+            return angles, rates
+        return np.append(0.0, angles), np.append(0.0, rates)
 
     def contact(self) -> tuple[Array, float]:
         """Return the force (2,) N of the peg on the arm in the base frame, and its place (m)."""
@@ -459,10 +457,10 @@ class Run:
             bodies = [int(self.model.geom_bodyid[geom]) for geom in touch.geom]
             peg = self.model.geom('peg').id
             second = int(touch.geom[0]) == peg
-            link = int(np.searchsorted(self.bodies, bodies[1] if second else bodies[0]))
+            link = (bodies[1] if second else bodies[0]) - self.bodies.start
             force += (pushed if second else -pushed)[:2]
             size = float(np.hypot(*pushed[:2]))
-            body = self.bodies[link]
+            body = self.bodies.start + link
             beyond = float((touch.pos - self.data.xpos[body]) @ self.data.xmat[body][::3])
             place += size * (max(link - 0.5, 0.0) * self.link + beyond)
             weight += size
