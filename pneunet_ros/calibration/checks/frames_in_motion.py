@@ -8,11 +8,12 @@ about equilibrium, as in `measurement.moving_arm.is_settled`, but without a mode
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 import itertools
 import math
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -277,11 +278,12 @@ def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
         ]
         for seconds in np.geomspace(shortest, longest, FREQUENCIES).tolist()
     }
-    found = [
-        (gain, windows, one)
-        for seconds, group in tried.items()
-        for (gain, windows), one in zip(gains_of(courses, group, seconds), group, strict=True)
-    ]
+    found = []
+    for seconds, group in tried.items():
+        straight = straight_windows(courses, seconds)
+        count = sum(len(one.time) for one in straight)
+        gains = gains_of(straight, group)
+        found += [(gain, count, one) for gain, one in zip(gains, group, strict=True)]
     gain, windows, best = max(found, key=lambda item: item[0])
     by_noise = -NormalDist().inv_cdf(IDLE_SENSOR.chance / len(found)) * GAIN_STD
     if not gain > by_noise * math.sqrt(windows):
@@ -298,9 +300,10 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
         frequency, rate = np.exp(numbers).tolist()
         return Vibration(frequency=frequency, rate=rate)
 
-    start, seconds = np.log([first.frequency, first.rate]), PERIODS * first.period
+    start = np.log([first.frequency, first.rate])
+    windows = straight_windows(courses, PERIODS * first.period)
     found = minimize(
-        lambda numbers: -gains_of(courses, [vibration(numbers)], seconds)[0][0],
+        lambda numbers: -gains_of(windows, [vibration(numbers)])[0],
         start,
         method='Nelder-Mead',
         options={'initial_simplex': start + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.5]])},
@@ -308,19 +311,26 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
     return vibration(found.x)
 
 
-def gains_of(
-    courses: Sequence[Course], vibrations: Sequence[Vibration], seconds: float
-) -> list[tuple[float, int]]:
-    """Return the advantage of each vibration over all other explanations of the courses.
+class Windows(NamedTuple):
+    """Windows of a course in which pressure and load are linear: times, targets, freedom.
 
-    vibrations: of one frequency. The gain is in log likelihood over all windows of this length in
-    seconds in which pressure and load are linear, each with its own noise; also returns their
-    number.
+    smooth (ways, windows): the sum of squared residuals of each smooth motion.
     """
-    driven = replace(vibrations[0], rate=0.0)  # what goes on as long as it likes is driven
-    others: tuple[Columns, ...] = (driven.columns, *smooth_ways(seconds))
-    ways = (*(one.columns for one in vibrations), *others)
-    gains, windows = np.zeros((len(vibrations), len(others))), 0
+
+    time: Array
+    way: Array
+    freedom: int
+    smooth: Array
+
+    def left(self, ways: Iterable[Columns]) -> Array:
+        """Return the sum of squared residuals (ways, windows) of each motion."""
+        left = [np.sum(left_of(way(self.time), self.way) ** 2, axis=(1, 2)) for way in ways]
+        return np.array(left) + np.finfo(float).tiny
+
+
+def straight_windows(courses: Sequence[Course], seconds: float) -> list[Windows]:
+    """Return the windows (s long) of each course in which pressure and load are linear."""
+    found, smooth = [], smooth_ways(seconds)
     for course in courses:
         places = course.windows(seconds)
         if not len(places):
@@ -331,15 +341,24 @@ def gains_of(
         beside = np.sqrt(np.mean(left_of(line, course.drives[places]) ** 2, axis=1))
         straight = (beside <= WITHIN_95).all(axis=1)
         time, way = time[straight], course.way[places[straight]]
-        left = np.array(
-            [np.sum(left_of(columns(time), way) ** 2, axis=(1, 2)) for columns in ways]
-        )
-        left += np.finfo(float).tiny
-        own, other = left[: len(vibrations), None], left[None, len(vibrations) :]
         freedom = WAYS * (places.shape[1] - NUMBERS)
-        gains += 0.5 * freedom * np.sum(np.log(other / own), axis=2)
-        windows += len(time)
-    return [(gain, windows) for gain in gains.min(axis=1).tolist()]
+        windows = Windows(time, way, freedom, np.empty(0))
+        found.append(windows._replace(smooth=windows.left(smooth)))
+    return found
+
+
+def gains_of(windows: Sequence[Windows], vibrations: Sequence[Vibration]) -> list[float]:
+    """Return the advantage of each vibration over all other explanations of the windows.
+
+    vibrations: of one frequency. The gain is in log likelihood, each window with its own noise.
+    """
+    driven = replace(vibrations[0], rate=0.0)  # what goes on as long as it likes is driven
+    gains = np.zeros((len(vibrations), 1))
+    for one in windows:
+        own = one.left(vibration.columns for vibration in vibrations)
+        other = np.concatenate([one.left([driven.columns]), one.smooth])
+        gains = gains + 0.5 * one.freedom * np.sum(np.log(other / own[:, None]), axis=2)
+    return [float(gain) for gain in gains.min(axis=1)]
 
 
 def smooth_ways(seconds: float) -> list[Columns]:
