@@ -34,7 +34,7 @@ from support.refusals import refused
 
 MOTION = LabMotion(timestep=2e-3)
 PLUCKS = {'push': {'force': 0.03, 'place': 0.9, 'begins': 3.0, 'ends': 3.6, 'every': 9.0}}
-SECONDS = {'unloaded_ramp': 45.0, 'unloaded_staircase': 45.0, 'dead_weights': 60.0}
+SECONDS = {'unloaded_ramp': 30.0, 'unloaded_staircase': 30.0, 'dead_weights': 60.0}
 
 
 def recording_of(name: str, motion: LabMotion | None, effects: dict, ramp: float = 0.1):
