@@ -38,13 +38,18 @@ Call = Callable[[], None]
 Result = TypeVar('Result')
 
 
+def never() -> bool:
+    """Return False: messages are received however many are waiting."""
+    return False
+
+
 class ImmediateGroup(MutuallyExclusiveCallbackGroup):
     """Callback group of one subscription, whose callback takes a message and its info.
 
     order: common processing order of related subscriptions; topic: name within that order; errors:
     counts invalid messages, which raise without it; patience_ns: how much earlier than messages of
     other nodes a message must arrive to be processed first; read: deserializes the messages of a
-    raw subscription.
+    raw subscription; is_full: whether so many messages are waiting that no others are received.
     """
 
     def __init__(
@@ -54,10 +59,11 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
         errors: CallbackErrors | None = None,
         patience_ns: int = 0,
         read: Callable[[bytes], Any] | None = None,
+        is_full: Callable[[], bool] = never,
     ) -> None:
         super().__init__()
         self.order, self.topic, self.errors = order, topic, errors
-        self.patience_ns, self.read = patience_ns, read
+        self.patience_ns, self.read, self.is_full = patience_ns, read, is_full
 
     def can_execute(self, entity: object) -> bool:
         """Keep rclpy's executor from taking messages out of order."""
@@ -102,7 +108,9 @@ class Queue:
         )
 
     def fill(self) -> None:
-        """Receive all available messages."""
+        """Receive all available messages, unless too many are waiting."""
+        if any(item.callback_group.is_full() for item in self.subscriptions):
+            return
         found = True
         while found:  # until no message came meanwhile: it may be older than those received
             found, self.until_ns = False, time.time_ns()

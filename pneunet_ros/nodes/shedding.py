@@ -1,9 +1,14 @@
-"""Frame dropping: a late node skips frames, never readings, and reports how late it is."""
+"""What a late node does: it skips frames, then readings, and reports how late it is.
+
+Frames are dropped first. Readings wait for at most `input_timeout`, as if the sensor were silent:
+the rest stays in the queues of the middleware, which keep the last ones, and count as lost.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+import math
 from typing import Any
 
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
@@ -20,11 +25,13 @@ FEW_WAITING = 1  # pressure: that of a frame comes just after it
 class FrameShedding:
     """Drops and counts frames while the backlog of pressures is too long.
 
-    backlog: returns the number of waiting pressures, and the time span (ns) of their arrival.
+    backlog: returns the number of waiting pressures, and the time span (ns) of their arrival;
+    timeout: returns how long (s) a reading may wait.
     """
 
     def __init__(self) -> None:
         self.backlog: Callable[[], tuple[int, int]] = lambda: (0, 0)
+        self.timeout: Callable[[], float] = lambda: math.inf
         self.total = 0
         self._unreported = 0
         self._late = False
@@ -52,6 +59,10 @@ class FrameShedding:
         is_long = count >= MOST_WAITING or span_ns >= LONGEST_BACKLOG_NS
         self._late = count > FEW_WAITING if self._late else is_long
         return self._late
+
+    def is_full(self) -> bool:
+        """Whether readings have been waiting for so long that no others are received."""
+        return self.backlog()[1] >= self.timeout() * NANOSECONDS_PER_SECOND
 
     def sentence(self) -> str:
         """Report frames dropped since the last call, and readings that wait; empty if none."""

@@ -25,7 +25,7 @@ from pneunet_ros.messages.readings import (
     PRESSURE,
     TARGETS,
 )
-from pneunet_ros.nodes.prompt_executor import ImmediateGroup
+from pneunet_ros.nodes.prompt_executor import ImmediateGroup, never
 from pneunet_ros.nodes.ros_types import deserialize, message_class
 from pneunet_ros.nodes.shedding import MOST_WAITING
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -95,27 +95,32 @@ def subscription(
 
 
 def group_of(
-    node: Any, order: ArrivalOrder[Any], topic: str, read: Callable[[bytes], Any] | None = None
+    node: Any,
+    order: ArrivalOrder[Any],
+    topic: str,
+    read: Callable[[bytes], Any] | None = None,
+    is_full: Callable[[], bool] = never,
 ) -> ImmediateGroup:
-    """Return the callback group of a subscription; read: decodes raw messages."""
+    """Return the callback group of a subscription (`ImmediateGroup`); read: decodes messages."""
     patience_ns = round(getattr(node, 'PATIENCE', 0.0) * NANOSECONDS_PER_SECOND)
-    return ImmediateGroup(order, topic, getattr(node, 'errors', None), patience_ns, read)
+    return ImmediateGroup(order, topic, getattr(node, 'errors', None), patience_ns, read, is_full)
 
 
 def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:
     """Subscribe to sensor topics, and process their messages in one common order.
 
     takes: callbacks (message, info) by sensor, in the order for ties. While the node is late,
-    frames are dropped, but never readings.
+    frames are dropped (`FrameShedding`).
     """
     order = arrival_order(takes)
     node.shedding.backlog = partial(order.backlog, PRESSURE.name)
+    node.shedding.timeout = lambda: node.in_use()[1].input_timeout
     for sensor, take in takes.items():
         if sensor is TARGETS:
             note = partial(node.note_message, node.resolve_topic_name(sensor.topic))
             take = node.shedding.sheds(take, note)
         read = partial(deserialize, type_name=sensor.type)
-        group = group_of(node, order, sensor.name, read)
+        group = group_of(node, order, sensor.name, read, node.shedding.is_full)
         qos = input_qos(DEPTH_OF.get(sensor, DEPTH))
         if sensor is FIXED_FRAMES:
             qos = latched_qos(qos.depth)

@@ -220,6 +220,27 @@ def test_timers_have_their_turns_beside_a_backlog(executor, node):
     assert called.count('message') < 100
 
 
+def test_what_does_not_fit_is_left_to_the_middleware_which_keeps_the_last(executor, node):
+    heard, full = [], [True]
+    group = ImmediateGroup(ArrivalOrder(['words']), 'words', is_full=lambda: full[0])
+
+    def take(message, info):
+        heard.append(message.data)
+
+    subscription(node, STRING, 'words', take, output_qos(), group=group)
+    words = node.create_publisher(String, 'words', 100)
+    turn_until(executor, node, words.get_subscription_count)
+    for number in range(30):
+        words.publish(String(data=str(number)))
+    time.sleep(0.5)  # all are there
+    executor.take_turn()
+    assert heard == []
+    full[0] = False
+    turn_until(executor, node, lambda: '29' in heard)
+    depth = output_qos().depth
+    assert heard == [str(number) for number in range(30 - depth, 30)]
+
+
 def test_what_is_subscribed_to_while_it_runs_is_heard(executor, node):
     heard = []
 
