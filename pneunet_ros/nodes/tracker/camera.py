@@ -101,7 +101,7 @@ class Camera:
 
 def camera_of(node: Any) -> Camera:
     """Return the camera of a tracker node, shared with nodes of its process on the same topics."""
-    cameras = node.place.cameras if node.place.namespace else {}
+    cameras = node.node_options.cameras if node.node_options.namespace else {}
     key = image_topic_of(node)[0], node.resolve_topic_name('camera_info')
     if key in cameras:
         cameras[key].add(node)
