@@ -20,9 +20,9 @@ def printable(text: str) -> str:
     r"""Return a text with control characters escaped, e.g. '\x1b'; line breaks remain."""
     if text.isprintable():
         return text
-    return ''.join(
-        character
-        if character in _LAYOUT or unicodedata.category(character) not in _UNSAFE
-        else character.encode('unicode_escape', 'surrogatepass').decode('ascii')
-        for character in text
-    )
+    escaped = {
+        ord(character): character.encode('unicode_escape', 'surrogatepass').decode('ascii')
+        for character in set(text) - _LAYOUT
+        if unicodedata.category(character) in _UNSAFE
+    }
+    return text.translate(escaped) if escaped else text
