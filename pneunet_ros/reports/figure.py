@@ -54,6 +54,10 @@ class Picture:
         return f'data:image/{kind};base64,{base64.b64encode(content).decode()}'
 
     def _rendered(self, **how: Any) -> bytes:
+        if self.figure.get_layout_engine() is not None:
+            # Laid out once: every savefig would draw all of it twice for that.
+            self.figure.draw_without_rendering()
+            self.figure.set_layout_engine(None)
         out = io.BytesIO()
         self.figure.savefig(out, **how)
         return out.getvalue()
