@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 import re
 import shutil
@@ -89,17 +90,50 @@ GIVEN: dict[str, Callable[[Path], None]] = {
 }
 
 
+def written_by(command):
+    """Names of the files that a command writes."""
+    return set(re.findall(r'--(?:output|preview|table) (\S+)', command))
+
+
+def not_yet_run(blocks, known):
+    """Yield blocks without the commands that ran before and whose files no later one reads.
+
+    known: commands that ran; those of these blocks are added.
+    """
+    for place, block in enumerate(blocks):
+        commands = [started_node(line) or line for line in block.commands]
+        alone = all(line.startswith('pneunet') and not line.endswith('&') for line in commands)
+        if block.kind != 'sh' or not alone:
+            yield block
+            continue
+        later = [line for other in blocks[place + 1 :] for line in other.commands]
+        new = []
+        for index, command in enumerate(commands, 1):
+            others = [set(line.split()) - written_by(line) for line in commands[index:] + later]
+            if command not in known or written_by(command) & set().union(*others):
+                new.append(command)
+            known.add(command)
+        if new:
+            yield replace(block, content='\n'.join(new) + '\n')
+
+
 def sessions():
-    """One test a page: its blocks go on from one another. What takes long is in a second one."""
+    """One test a page: its blocks go on from one another. What takes long is in a second one.
+
+    A command that stands on several pages runs with the first of them.
+    """
+    known = set()
     for page, blocks in BLOCKS.items():
         name = page.relative_to(ROOT).as_posix()
         to_run = [block for block in blocks if block.is_run]
         quick = [block for block in to_run if not block.remark.startswith('slow')]
+        is_all = quick == to_run
+        quick = list(not_yet_run(quick, known))
         starts_nodes = any(started_node(line) for block in to_run for line in block.commands)
         marks = [pytest.mark.ros] if starts_nodes else []
         if quick:
             yield pytest.param(page, quick, id=name, marks=marks)
-        if quick != to_run:
+        if not is_all:
             yield pytest.param(page, to_run, id=f'{name}, slow', marks=[*marks, pytest.mark.slow])
 
 
