@@ -229,7 +229,7 @@ def moved(path, into):
 
 
 def test_a_running_nis_beyond_noise_is_a_warning_that_names_diagnose(patient, tmp_path):
-    good = part(RECORDING, 4.0, 6.0, tmp_path / 'pt.mcap')
+    good = part(RECORDING, 4.0, 5.2, tmp_path / 'pt.mcap')
     in_turn(patient, good)
     values = patient.report()[2]
     assert (values['mode'], values['ambiguous']) == ('fused', 'False')

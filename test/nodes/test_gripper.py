@@ -80,12 +80,18 @@ def gripper(tmp_path_factory):
         assert 'unknown parameters' not in process.text
 
 
+@pytest.fixture(scope='module')
+def replays():
+    """Return a process for replays, as new as that of a node."""
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
+        yield pool
+
+
 @pytest.mark.parametrize('kind', KINDS)
-def test_each_arm_of_a_busy_gripper_is_its_replay(gripper, kind, tmp_path):
+def test_each_arm_of_a_busy_gripper_is_its_replay(gripper, replays, kind, tmp_path):
     path = tmp_path / 'bursts.mcap'
     bursts = write_bursts(path, RATES['two frames'], READINGS)
-    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
-        expected = pool.submit(REPLAYS[kind], path).result()
+    expected = replays.submit(REPLAYS[kind], path).result()
     peers = [ArmPeer(arm, kind) for arm in ARMS]
     for peer in peers:
         peer.connect([message for burst in bursts[:1] for message in burst])
