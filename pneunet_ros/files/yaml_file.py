@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, MISSING
+from functools import lru_cache
 from itertools import accumulate
 import math
 from pathlib import Path
@@ -65,6 +67,15 @@ for tag, construct in (
     PlainConstructor.add_constructor(f'tag:yaml.org,2002:{tag}', construct)
 
 
+@lru_cache(maxsize=8)  # every node of a gripper and every arm of a fleet reads the same model
+def parsed(text: str) -> Any:
+    """Return the content of a text, which is not to be changed."""
+    yaml = YAML(typ='safe', pure=True)
+    yaml.Constructor = PlainConstructor
+    yaml.composer.warn_double_anchors = False  # YAML allows it: the last one holds
+    return yaml.load(text)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YamlFile:
     """A kind of file: its name in messages, the error to raise, and its numbers."""
@@ -97,10 +108,7 @@ class YamlFile:
                 reason='not_yaml',
             )
         try:
-            yaml = YAML(typ='safe', pure=True)
-            yaml.Constructor = PlainConstructor
-            yaml.composer.warn_double_anchors = False  # YAML allows it: the last one holds
-            content = yaml.load(text)
+            content = deepcopy(parsed(text))
         except (YAMLError, ValueError, LookupError, TypeError, RecursionError) as error:
             raise self.error(
                 f'{path} is not valid YAML: {one_line(error)}', reason='not_yaml'
