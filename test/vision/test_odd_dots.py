@@ -52,8 +52,10 @@ def picture(places, radii, bend=0.0, end=None):
     grey = np.full((HEIGHT, WIDTH), 40.0)
     at = centers(places, bend)
     for (x, y), radius in zip(at, radii, strict=True):
-        inside = np.clip(radius + 0.5 - np.hypot(u - x, v - y), 0.0, 1.0)
-        grey = np.maximum(grey, 40.0 + 170.0 * inside)
+        left, top = (max(int(near - radius) - 1, 0) for near in (x, y))
+        near = np.s_[top : int(y + radius) + 3, left : int(x + radius) + 3]
+        inside = np.clip(radius + 0.5 - np.hypot(u[near] - x, v[near] - y), 0.0, 1.0)
+        grey[near] = np.maximum(grey[near], 40.0 + 170.0 * inside)
     if end is not None:
         x, y = at[-1]
         along = np.cos(bend) * (u - x) + np.sin(bend) * (v - y)
