@@ -31,7 +31,10 @@ class EstimatorSettings:
     input_timeout: float = quantity(
         0.5,
         unit='s',
-        meaning=('time without pressure readings that counts as an error'),
+        meaning=(
+            'time without pressure readings that counts as an error; an overloaded node loses '
+            'readings that would wait longer'
+        ),
         bounds=(1e-3, 3600.0),
     )
     pressure_unit: str = setting('Pa', 'unit of the pressure readings', tuple(PRESSURE_UNITS))

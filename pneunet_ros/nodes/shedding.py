@@ -61,8 +61,12 @@ class FrameShedding:
         return self._late
 
     def is_full(self) -> bool:
-        """Whether readings have been waiting for so long that no others are received."""
-        return self.backlog()[1] >= self.timeout() * NANOSECONDS_PER_SECOND
+        """Whether readings have been waiting for so long that no others are received.
+
+        Never before frames are dropped, nor while a reading still waits for one of its stamp.
+        """
+        longest_ns = max(self.timeout() * NANOSECONDS_PER_SECOND, LONGEST_BACKLOG_NS)
+        return self.backlog()[1] >= longest_ns
 
     def sentence(self) -> str:
         """Report frames dropped since the last call, and readings that wait; empty if none."""

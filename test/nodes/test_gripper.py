@@ -328,6 +328,17 @@ def test_a_wrong_block_is_one_sentence(tmp_path):
 
 
 @pytest.mark.parametrize(
+    'timeout, span, full',
+    [(0.5, 0.4, False), (0.5, 0.6, True), (0.001, 0.1, False), (0.001, 0.3, True)],
+)
+def test_readings_wait_for_input_timeout_and_are_never_lost_before_frames(timeout, span, full):
+    shedding = FrameShedding()
+    shedding.timeout = lambda: timeout
+    shedding.backlog = lambda: (2, round(1e9 * span))
+    assert shedding.is_full() is full
+
+
+@pytest.mark.parametrize(
     'interval_ns, most', [(1_000_000, MOST_WAITING), (40_000_000, 6), (100_000_000, 3)]
 )
 def test_frames_are_left_out_from_when_a_node_is_late_until_only_their_reading_waits(
