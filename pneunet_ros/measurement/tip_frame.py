@@ -160,23 +160,23 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     heading = np.unwrap(np.where(known, poses[:, 2], 0.0))
 
     def turns_of(unknowns: Array) -> Array:
-        return np.where(known, heading - unknowns[2] - clamp, unknowns[3:])
+        turns: Array = heading - unknowns[2] - clamp
+        turns[~known] = unknowns[3:]
+        return turns
 
     def residual(unknowns: Array) -> Array:
         turn = turns_of(unknowns)
         half = 0.5 * turn
         chord = reach * np.sinc(half / np.pi) * np.exp(1j * (half + clamp + unknowns[2]))
         difference = poses[:, 0] + 1j * poses[:, 1] - (unknowns[0] + 1j * unknowns[1] + chord)
-        unused_turns = np.where(known, unknowns[3:], 0.0)  # of frames with a heading: not used
-        return np.concatenate([difference.real, difference.imag, reach * unused_turns])
+        return np.concatenate([difference.real, difference.imag])
 
     middle = poses[:, :2].mean(axis=0)
     best = None
     for angle in np.linspace(-np.pi, np.pi, DIRECTIONS, endpoint=False).tolist():
-        for turn in (-1.0, 1.0):
-            start = np.zeros(3 + frames)
+        for turn in (1.0,) if known.all() else (-1.0, 1.0):
+            start = np.full(3 + np.count_nonzero(~known), turn)
             start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
-            start[3:] = np.where(known, 0.0, turn)
             with np.errstate(all='ignore'):  # of poses that show nothing; judged below
                 search = scipy.optimize.least_squares(residual, start, x_scale='jac', max_nfev=200)
             if best is None or search.cost < best.cost:
@@ -195,8 +195,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     unmodeled = tip_displacements(turns_of(best.x), arm, settings) * np.exp(
         1j * (clamp + best.x[2])
     )
-    no_turns = np.zeros((frames, unmodeled.shape[1]))
-    shift = inverse[:3] @ best.jac.T @ np.concatenate([unmodeled.real, unmodeled.imag, no_turns])
+    shift = inverse[:3] @ best.jac.T @ np.concatenate([unmodeled.real, unmodeled.imag])
     std = np.hypot(std, np.sqrt(np.sum(shift**2, axis=1)))
     if std[2] >= ANY_ANGLE or max(std[0], std[1]) >= reach:
         return None
