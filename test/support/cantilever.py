@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from math import cos, sin
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -23,16 +25,27 @@ class Cantilever:
     def shape(self, force, moment=0.0, places=None) -> np.ndarray:
         """Return x, y (m) and theta (rad) at places (m), else at the tip, (3, places)."""
         places = np.array([self.length + self.cap] if places is None else places, np.float64)
+        return self.solved(tuple(map(float, force)), float(moment), tuple(places.tolist())).copy()
+
+    @cache  # noqa: B019, of a few truths that several tests bend alike
+    def solved(self, force, moment, places) -> np.ndarray:
+        """Return the shape at these places."""
+        places = np.array(places)
 
         def slopes(s, state):
             _, _, theta, bending = state
             n1, n2 = force[0], force[1] - self.weight * (self.length - s)
-            stretch = 1.0 + (n1 * np.cos(theta) + n2 * np.sin(theta)) / self.axial_stiffness
-            across = np.cos(theta) * n2 - np.sin(theta) * n1
-            change = [np.cos(theta) * stretch, np.sin(theta) * stretch]
-            return [*change, self.curvature + bending / self.stiffness, -stretch * across]
+            cosine, sine = cos(theta), sin(theta)
+            stretch = 1.0 + (n1 * cosine + n2 * sine) / self.axial_stiffness
+            across = cosine * n2 - sine * n1
+            return [
+                cosine * stretch,
+                sine * stretch,
+                self.curvature + bending / self.stiffness,
+                -stretch * across,
+            ]
 
-        def solved(start, at=None):
+        def integrated(start, at=None):
             return solve_ivp(
                 slopes,
                 (0.0, self.length),
@@ -43,7 +56,7 @@ class Cantilever:
             ).y
 
         def gap(start):
-            _, _, theta, bending = solved(start)[:, -1]
+            _, _, theta, bending = integrated(start)[:, -1]
             across = np.cos(theta) * force[1] - np.sin(theta) * force[0]
             return bending - moment - self.cap * across
 
@@ -52,6 +65,6 @@ class Cantilever:
         root = brentq(gap, -most, most, xtol=1e-15)
         soft = np.minimum(places, self.length)
         grid, which = np.unique(np.append(soft, self.length), return_inverse=True)
-        x, y, theta = solved(root, grid)[:3][:, which[:-1]]
+        x, y, theta = integrated(root, grid)[:3][:, which[:-1]]
         beyond = places - soft
         return np.array([x + beyond * np.cos(theta), y + beyond * np.sin(theta), theta])
