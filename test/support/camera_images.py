@@ -62,12 +62,18 @@ def as_image(
     """
     height, width = grey.shape
     channels = CHANNELS.get(encoding, 'g')
-    planes = {'g': grey, 'a': np.full_like(grey, 255)}
-    for name, factor in zip('rgb', tint, strict=True):
-        planes[name] = np.clip(np.rint(factor * grey), 0.0, 255.0).astype(np.uint8)
+    factors = dict(zip('rgb', tint, strict=True))
+
+    def plane(name: str) -> Bytes:
+        if name == 'a':
+            return np.full_like(grey, 255)
+        if factors[name] == 1.0:
+            return grey
+        return np.clip(np.rint(factors[name] * grey), 0.0, 255.0).astype(np.uint8)
+
     step = width * len(channels) + padding
     data = np.full((height, step), 170, np.uint8)
-    pixels = np.stack([planes[name] for name in channels], axis=2)
+    pixels = np.stack([plane(name) for name in channels], axis=2)
     data[:, : step - padding] = pixels.reshape(height, -1)
     return Image(
         stamp_ns=stamp_ns,
