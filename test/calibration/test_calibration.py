@@ -91,8 +91,9 @@ def test_the_truth_is_found_within_the_errors(calibration, true):
     assert np.abs(sigmas).max() < 5.0
 
 
-@pytest.mark.parametrize('painted', [slice(3, None), slice(0, None, 3)], ids=['no clamp', 'eight'])
-def test_dots_that_do_not_tell_where_they_and_the_camera_are_do_not_make_a_stiffness_sure(painted):
+def test_dots_that_do_not_tell_where_they_and_the_camera_are_do_not_make_a_stiffness_sure():
+    painted = slice(3, None)  # none at the clamp
+
     def seen(name):
         run = lab_run(name, 50)
         return replace(run, x=run.x[:, painted], y=run.y[:, painted])
