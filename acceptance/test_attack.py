@@ -112,7 +112,7 @@ def behaves() -> int:
 def test_what_must_not_be_is_seen(corpus, tmp_path, monkeypatch, verb, kind):
     monkeypatch.setattr(hostile.running, 'main', lambda words: verb())
     # To take memory is slow on some machines, and is no hang.
-    seconds, patience = (3.0, 6.0) if kind == 'hang' else (30.0, 20.0)
+    seconds, patience = (1.0, 2.0) if kind == 'hang' else (30.0, 20.0)
     limits = {'seconds': seconds, 'patience': patience, 'megabytes': resident_megabytes() + 250.0}
     monkeypatch.setattr(hostile.running, 'LIMITS', hostile.running.LIMITS | limits)
     outputs = (tmp_path / 'case' / 'out.npz',)
