@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.reports import figure as report_figure
 import pytest
+from support.small_diagnosis import without_figures
 
 TIMES = np.arange(0.0, 40.0, 0.5)
 PRESSURES = 10.0 * np.minimum(TIMES // 4.0, 9.0 - TIMES // 4.0)  # kPa, stairs up and down
@@ -49,7 +50,8 @@ def recording(tmp_path, monkeypatch, capsys):
     return ask
 
 
-def test_a_pose_of_the_tip_calibrates_as_check_says(recording, capsys):
+def test_a_pose_of_the_tip_calibrates_as_check_says(recording, monkeypatch):
+    without_figures(monkeypatch)
     uses = recording(tip=True, load=False)
     assert uses['calibrate unloaded'] == {
         'usable': True,
