@@ -135,7 +135,8 @@ def test_a_type_that_is_not_installed_is_a_sentence():
 
 def test_replay_writes_them_when_asked(tmp_path, capsys):
     output = tmp_path / 'out.mcap'
-    command = ['replay', str(share_path('bags/table1')), '--json', '--output', str(output)]
+    recording = share_path('bags/lab_day/heldout.mcap')
+    command = ['replay', str(recording), '--json', '--output', str(output)]
     assert main([*command, '--views']) == 0
     counts = {topic.name: topic.count for topic in open_recording(output).topics}
     assert counts['/tf'] == counts['/pneunet/markers'] == counts['/pneunet/tip'] > 0
