@@ -333,7 +333,7 @@ def test_an_effect_on_readings_or_stamps_moves_what_a_model_expects():
     truth, scenario = recording.truth, recording.scenario
     rates = dataclasses.replace(scenario.rates, frames=200.0)
     dense = simulate(dataclasses.replace(scenario, rates=rates)).truth
-    stamped = truth.time + delay.late(truth.time / scenario.protocol.duration)
+    stamped = truth.time + delay.frame_delay(truth.time / scenario.protocol.duration)
     expected = np.interp(stamped, dense.time, dense.target_x[:, -1])
     moved = truth.target_x[:, -1] - expected
     assert np.abs(moved).max() > 3e-4

@@ -132,7 +132,7 @@ def signals(
         true = scenario.protocol.timeline()
         pressure, force = effect.read(scenario.arm, true.pressure, true.force)
         read = replace(true, pressure=pressure, force=force)
-        stamped = time + effect.late(time / true.duration)
+        stamped = time + effect.frame_delay(time / true.duration)
         placement = recording.truth.placement
         seen, before = camera_sees(scenario, true, time, placement, before)
         said, before_without = camera_sees(without, read, stamped, placement, before_without)

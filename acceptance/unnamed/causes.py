@@ -132,7 +132,9 @@ class LabGluedPatch(LabEffect):
         """Stiffen the joints there."""
         away = np.abs(places(chain) / arm.length - self.place)
         here = 1.0 / (1.0 + np.exp((away - 0.06) / 0.012))
-        return replace(chain, stiffer=freeze(chain.stiffer * (1.0 + self.gain * here)))
+        return replace(
+            chain, rigidity_factors=freeze(chain.rigidity_factors * (1.0 + self.gain * here))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -48,11 +48,11 @@ class Chain:
     turning (frames, n + 1) rad: of the unloaded arm at every joint; joints are at the clamp,
     between elements, and at the free end. rigidity (frames, 2) N m^2, before and after split
     (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. The rest is due to
-    effects: stiffer (frames, n + 1), the factor of every joint's rigidity; rest (frames, n)
-    strain; line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle of
-    every element; axial_compliance 1/N and its growth with the strain; cubic m^2 and quintic m^4
-    of the moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; beside and beyond, m:
-    offsets of the end force across and along the free end; peg; push. time (frames,) s, from the
+    effects: rigidity_factors (frames, n + 1), one per joint; rest (frames, n) strain; line (n, 2)
+    or (frames, n, 2) N, the force of loads along the arm beyond the middle of every element;
+    axial_compliance 1/N and its growth with the strain; cubic m^2 and quintic m^4 of the moment;
+    clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; end_offset_across, end_offset_along
+    (m): offsets of the end force at the free end; peg; push. time (frames,) s, from the
     beginning of the recording.
     """
 
@@ -63,7 +63,7 @@ class Chain:
     split: Array
     force: Array
     moment: Array
-    stiffer: Array = field(default_factory=lambda: np.zeros(0))
+    rigidity_factors: Array = field(default_factory=lambda: np.zeros(0))
     rest: Array = field(default_factory=lambda: np.zeros(0))
     line: Array = field(default_factory=lambda: np.zeros(0))
     axial_compliance: float = 0.0
@@ -72,8 +72,8 @@ class Chain:
     quintic: float = 0.0
     clamp_compliance: float = 0.0
     clamp_hardening: float = 0.0
-    beside: float = 0.0
-    beyond: float = 0.0
+    end_offset_across: float = 0.0
+    end_offset_along: float = 0.0
     peg: Peg | None = None
     push: Push | None = None
     time: Array = field(default_factory=lambda: np.zeros(0))
@@ -83,7 +83,7 @@ class Chain:
         frames, joints = np.shape(self.turning)
         sizes = {
             'turning': (frames, joints),
-            'stiffer': (frames, joints),
+            'rigidity_factors': (frames, joints),
             'rigidity': (frames, 2),
             'split': (frames,),
             'force': (frames, 2),
@@ -94,10 +94,12 @@ class Chain:
         }
         for name, size in sizes.items():
             value = np.asarray(getattr(self, name), np.float64)
-            value = value if value.size else np.full(size, 1.0 if name == 'stiffer' else 0.0)
+            value = (
+                value if value.size else np.full(size, 1.0 if name == 'rigidity_factors' else 0.0)
+            )
             value = np.broadcast_to(value, size) if name == 'line' else value
             object.__setattr__(self, name, frozen_array(value, size))
-        if not (np.all(self.rigidity > 0.0) and np.all(self.stiffer > 0.0)):
+        if not (np.all(self.rigidity > 0.0) and np.all(self.rigidity_factors > 0.0)):
             raise RequestError(
                 'the lab arm needs positive rigidity at all pressures', reason='singular_rigidity'
             )
@@ -144,10 +146,10 @@ class ChainShape:
         places = h * np.arange(count, dtype=np.float64)
         span[[0, -1]] *= 0.5
         places[[0, -1]] += 0.25 * h, -0.25 * h
-        wanted = np.asarray(arclength, np.float64)
-        s = np.clip(wanted, places[0], places[-1])
+        positions = np.asarray(arclength, np.float64)
+        s = np.clip(positions, places[0], places[-1])
         curvature = between(places, np.diff(self.angles, axis=1) / span, s)
-        return freeze(np.where(wanted > self.chain.length, 0.0, curvature))
+        return freeze(np.where(positions > self.chain.length, 0.0, curvature))
 
 
 def between(places: Array, values: Array, at: Array) -> Array:
@@ -183,14 +185,21 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
             chain.axial_growth,
             chain.cubic,
             chain.quintic,
-            chain.beside,
-            chain.beyond,
+            chain.end_offset_across,
+            chain.end_offset_along,
         ]
     )
     angles = np.zeros((frames, joints + 1))
     if start is not None:
         angles[0] = start
-    tables = chain.turning, chain.stiffer, chain.rest, chain.line, freeze(loads), freeze(numbers)
+    tables = (
+        chain.turning,
+        chain.rigidity_factors,
+        chain.rest,
+        chain.line,
+        freeze(loads),
+        freeze(numbers),
+    )
     solved = int(equilibria(*tables, angles, start is not None))
     if solved < frames:
         force = chain.force[solved]
@@ -203,9 +212,9 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     n1, n2 = (chain.force[:, None, i] + chain.line[:, :, i] for i in (0, 1))
     strain = chain.axial_compliance * (n1 * cosine + n2 * sine)
     stretched = chain.element * (1.0 + chain.rest + strain * (1.0 + chain.axial_growth * strain))
-    nothing = np.zeros((frames, 1))
+    zero = np.zeros((frames, 1))
     x, y = (
-        freeze(np.concatenate([nothing, np.cumsum(stretched * part, axis=1)], axis=1))
+        freeze(np.concatenate([zero, np.cumsum(stretched * part, axis=1)], axis=1))
         for part in (cosine, sine)
     )
     return ChainShape(chain=chain, angles=freeze(angles), x=x, y=y)
@@ -223,21 +232,21 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     elements = np.arange(chain.rest.shape[1], dtype=np.float64)
     before = np.clip(push.place / chain.element - elements, 0.0, 1.0)
     heading = shape.points([push.place])[2][:, 0]
-    tried, off = heading, np.zeros(heading.size)
+    previous_heading, previous_change = heading, np.zeros(heading.size)
     for _ in range(MOST_STEPS):
         normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
         line = (push.force[:, None] * normal)[:, None, :] * before[:, None]
         shape = free_shape(replace(chain, line=chain.line + line), start)
-        further = shape.points([push.place])[2][:, 0] - heading
-        if np.abs(further).max() < TURNED:
+        change = shape.points([push.place])[2][:, 0] - heading
+        if np.abs(change).max() < TURNED:
             return shape
         # The secant to where the arm would be as the push points; at first the arm itself.
-        slope = np.where(heading == tried, 1.0, (off - further) / np.where(
-            heading == tried, 1.0, heading - tried))  # fmt: skip
+        slope = np.where(heading == previous_heading, 1.0, (previous_change - change) / np.where(
+            heading == previous_heading, 1.0, heading - previous_heading))  # fmt: skip
         slope = np.where(slope > 0.0, slope, 1.0)
-        tried, off = heading, further
-        heading = heading + further / slope
-    frame = int(np.argmax(np.abs(off)))
+        previous_heading, previous_change = heading, change
+        heading = heading + change / slope
+    frame = int(np.argmax(np.abs(previous_change)))
     raise RequestError(
         f'the lab arm finds no equilibrium under its push in frame {frame}: use a smaller force',
         reason='no_equilibrium',
@@ -262,23 +271,23 @@ def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     low, high = np.zeros(gap.size), peg.stiffness * np.maximum(gap, 0.0)
     bending = 3.0 * chain.rigidity.min(axis=1) / max(peg.place, chain.element) ** 3
     push = np.where(touching, np.maximum(gap, 0.0) / (1.0 / peg.stiffness + 1.0 / bending), 0.0)
-    tried, left = np.zeros(gap.size), np.where(touching, gap, 0.0)
+    previous_push, previous_excess = np.zeros(gap.size), np.where(touching, gap, 0.0)
     for _ in range(MOST_STEPS):
-        pushed = replace(chain, line=chain.line - push[:, None, None] * before * [0.0, 1.0])
-        shape = pushed_shape(pushed, start)
-        beyond = shape.y[:, joint] - peg.height - push / peg.stiffness
-        beyond = np.where(touching, beyond, 0.0)
-        if np.abs(beyond).max() < SETTLED:
+        loaded = replace(chain, line=chain.line - push[:, None, None] * before * [0.0, 1.0])
+        shape = pushed_shape(loaded, start)
+        excess = shape.y[:, joint] - peg.height - push / peg.stiffness
+        excess = np.where(touching, excess, 0.0)
+        if np.abs(excess).max() < SETTLED:
             return shape
-        low, high = np.where(beyond > 0.0, push, low), np.where(beyond < 0.0, push, high)
-        change = np.where(left == beyond, np.inf, left - beyond)
-        step = beyond * (push - tried) / change
-        tried, left = push, beyond
-        wanted = push + step
-        within = (wanted > low) & (wanted < high) & (np.abs(beyond) >= SETTLED)
-        halved = np.minimum(0.5 * (low + high), 2.0 * low + push)
-        push = np.where(within, wanted, np.where(np.abs(beyond) < SETTLED, push, halved))
-    frame = int(np.argmax(np.abs(beyond)))
+        low, high = np.where(excess > 0.0, push, low), np.where(excess < 0.0, push, high)
+        fall = np.where(previous_excess == excess, np.inf, previous_excess - excess)
+        step = excess * (push - previous_push) / fall
+        previous_push, previous_excess = push, excess
+        secant = push + step
+        is_secant = (secant > low) & (secant < high) & (np.abs(excess) >= SETTLED)
+        bisection = np.minimum(0.5 * (low + high), 2.0 * low + push)
+        push = np.where(is_secant, secant, np.where(np.abs(excess) < SETTLED, push, bisection))
+    frame = int(np.argmax(np.abs(excess)))
     raise RequestError(
         f'the lab arm finds no equilibrium at its peg in frame {frame}: use a softer peg or '
         'another place',

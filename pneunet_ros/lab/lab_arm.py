@@ -136,7 +136,7 @@ def vary_arm(arm: LabArm, seed: int) -> LabArm:
     if seed == 0:
         return replace(arm, seed=0)
     random = np.random.default_rng([seed, 7])
-    size, lean, first, second, tilt, place = random.uniform(-1.0, 1.0, 6)
+    size, lean, first, second, tilt, position = random.uniform(-1.0, 1.0, 6)
     # A factor 1 + VARIATION (2/3 size + 1/3 lean u), u from -1 at the clamp to 1 at the end.
     factor = [1.0 + VARIATION * size * 2.0 / 3.0, VARIATION * lean / 3.0]
     modes = np.stack([pad(legendre.legmul(row, factor), row.size + 1) for row in arm.modes])
@@ -149,7 +149,7 @@ def vary_arm(arm: LabArm, seed: int) -> LabArm:
         seed=seed,
         modes=modes,
         rigidity=arm.rigidity * stiffer,
-        split=arm.split * (1.0 + VARIATION * place),
+        split=arm.split * (1.0 + VARIATION * position),
     )
 
 

@@ -81,7 +81,7 @@ class LabEffect(abc.ABC):
         """Return the chain with this effect at chamber pressures (frames,) Pa."""
         return chain
 
-    def late(self, share: Array) -> Array:
+    def frame_delay(self, share: Array) -> Array:
         """Return the delay (s) of frame stamps; share (frames,) 0 to 1 of the recording time."""
         return 0.0 * share
 

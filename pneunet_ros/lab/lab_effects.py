@@ -105,7 +105,7 @@ class LabCameraDelay(LabEffect):
     name: ClassVar[str] = 'camera_delay'
     delay: float = quantity(0.0, unit='s', bounds=(-10.0, 10.0))
 
-    def late(self, share: Array) -> Array:
+    def frame_delay(self, share: Array) -> Array:
         """Return the delay, which grows during the recording."""
         return freeze(self.delay * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0)))
 
@@ -145,8 +145,8 @@ class LabHysteresis(LabEffect):
         spread = np.array([-1.0, 0.0, 1.0]) * min(0.6 * self.richness, 1.0)
         half = 0.5 * self.width * (1.0 + spread)
         start = self.resume(past, freeze(np.full(half.size, course.chamber[0])))
-        answers = play_pressure(course.chamber, start, freeze(half))
-        return course.with_chamber(freeze(answers.mean(axis=1))), tuple(answers[-1].tolist())
+        outputs = play_pressure(course.chamber, start, freeze(half))
+        return course.with_chamber(freeze(outputs.mean(axis=1))), tuple(outputs[-1].tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,16 +159,16 @@ class LabCreep(LabEffect):
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
         """Delay a part of the intrinsic curvature."""
-        wanted = course.weights
-        start = self.resume(past, np.stack([wanted[0]] * 2))
+        equilibrium = course.weights
+        start = self.resume(past, np.stack([equilibrium[0]] * 2))
         constants = self.time_constant, self.time_constant / 8.0
         slow, fast = (
-            relax_curvature(course.time, wanted, freeze(start[i].copy()), constants[i])
+            relax_curvature(course.time, equilibrium, freeze(start[i].copy()), constants[i])
             for i in (0, 1)
         )
         share = 0.3 * self.richness
-        late = (1.0 - share) * slow + share * fast
-        weights = freeze((1.0 - self.amplitude) * wanted + self.amplitude * late)
+        delayed = (1.0 - share) * slow + share * fast
+        weights = freeze((1.0 - self.amplitude) * equilibrium + self.amplitude * delayed)
         past = (*slow[-1].tolist(), *fast[-1].tolist())
         return replace(course, weights=weights), past
 
@@ -184,16 +184,19 @@ class LabSoftening(LabEffect):
         """Scale the rigidity."""
         top = course.arm.pressure_range[1]
         rest = float(course.chamber[0])
-        start, later = self.resume(past, np.array([rest, rest])).tolist()
-        ever = largest_so_far(course.time, course.chamber, start, 0.0)
-        lately = largest_so_far(course.time, course.chamber, later, 1.0 / RECOVERY_TIME)
+        start, decayed = self.resume(past, np.array([rest, rest])).tolist()
+        largest_ever = largest_so_far(course.time, course.chamber, start, 0.0)
+        largest_recent = largest_so_far(course.time, course.chamber, decayed, 1.0 / RECOVERY_TIME)
         recovering = RECOVERING * self.richness
-        largest = freeze((1.0 - recovering) * ever + recovering * lately)
+        largest = freeze((1.0 - recovering) * largest_ever + recovering * largest_recent)
         rejoining = REJOINING + RICH_REJOINING * self.richness
-        below = (largest - course.chamber) / (rejoining * top)
-        lost = self.loss * largest / top * (1.0 - np.exp(-below))
-        factor = freeze(course.rigidity_factor * (1.0 - lost))
-        return replace(course, rigidity_factor=factor), (float(ever[-1]), float(lately[-1]))
+        recovery = (largest - course.chamber) / (rejoining * top)
+        reduction = self.loss * largest / top * (1.0 - np.exp(-recovery))
+        factor = freeze(course.rigidity_factor * (1.0 - reduction))
+        return replace(course, rigidity_factor=factor), (
+            float(largest_ever[-1]),
+            float(largest_recent[-1]),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -281,8 +284,8 @@ class LabLoadOffset(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Move the point of action."""
-        beyond = chain.beyond + 0.3 * self.richness * self.offset
-        return replace(chain, beside=self.offset, beyond=beyond)
+        beyond = chain.end_offset_along + 0.3 * self.richness * self.offset
+        return replace(chain, end_offset_across=self.offset, end_offset_along=beyond)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,9 +313,9 @@ class LabCameraTilt(LabEffect):
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Project onto the image: distant points appear smaller."""
-        later = 1.0 + 0.3 * self.richness * (2.0 * share - 1.0)
-        further = 1.0 + later[:, None] * (points @ np.array([self.tilt_x, self.tilt_y]))
-        return freeze(points / further[..., None])
+        tilt_factor = 1.0 + 0.3 * self.richness * (2.0 * share - 1.0)
+        depth = 1.0 + tilt_factor[:, None] * (points @ np.array([self.tilt_x, self.tilt_y]))
+        return freeze(points / depth[..., None])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -327,13 +330,13 @@ class LabLensDistortion(LabEffect):
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Distort; the fourth-power term is relative to half the length of the arm."""
         middle = np.array([self.middle_x, self.middle_y])
-        moved = [
-            self.radial * squared * (1.0 + self.richness * fourth) * away
-            for away in (points - middle, -middle)
-            for squared in [np.sum(away**2, axis=-1, keepdims=True)]
+        displacements = [
+            self.radial * squared * (1.0 + self.richness * fourth) * radius
+            for radius in (points - middle, -middle)
+            for squared in [np.sum(radius**2, axis=-1, keepdims=True)]
             for fourth in [0.3 * (squared / (0.5 * arm.length) ** 2 - 1.0)]
         ]
-        return freeze(points + (moved[0] - moved[1]))
+        return freeze(points + (displacements[0] - displacements[1]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

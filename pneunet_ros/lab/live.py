@@ -86,13 +86,15 @@ class Valve:
 
     def pressure(self, start: float, command: float, seconds: Array) -> Array:
         """Return the exact pressures (n,) Pa at times (n,) s after the pressure `start`."""
-        way = abs(command - start)
-        # Limited until what is left is slow enough, and exponential from then on.
-        left = min(way, self.rate_limit * self.time_constant)
-        limited = (way - left) / self.rate_limit
-        after = np.maximum(seconds - limited, 0.0)
+        distance = abs(command - start)
+        # A ramp at the rate limit, then an exponential once the rest is slow enough.
+        exponential_part = min(distance, self.rate_limit * self.time_constant)
+        ramp_time = (distance - exponential_part) / self.rate_limit
+        after = np.maximum(seconds - ramp_time, 0.0)
         share = np.exp(-after / self.time_constant) if self.time_constant > 0.0 else 1.0
-        remaining = np.where(seconds < limited, way - self.rate_limit * seconds, left * share)
+        remaining = np.where(
+            seconds < ramp_time, distance - self.rate_limit * seconds, exponential_part * share
+        )
         return freeze(command - math.copysign(1.0, command - start) * remaining)
 
 
@@ -110,7 +112,7 @@ class Load:
             raise RequestError('the load must not contain NaN or infinity', reason='not_finite')
 
     @property
-    def hangs(self) -> bool:
+    def is_loaded(self) -> bool:
         """Whether there is any load."""
         return any((self.force_x, self.force_y, self.moment))
 
@@ -121,7 +123,7 @@ class LiveState:
 
     course: since the previous state; past: memory of every effect; angles (rad) of the chain at
     its last computed shape, the start for the next one. swing: of an arm with mass, which is
-    `behind` by this time (s).
+    behind by `lag` (s).
     """
 
     time: float
@@ -131,7 +133,7 @@ class LiveState:
     past: dict[str, Past]
     angles: Array | None = None
     swing: Swing | None = None
-    behind: float = 0.0
+    lag: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,9 +167,9 @@ class LiveLab:
         """Paint the targets and place the camera, as for a recording of the same scenario."""
         arm, noise = self.scenario.arm, self.scenario.noise
         placement = draw_placement(random_stream('placement', arm.seed), arm.targets, noise)
-        beside = random_of(self.scenario, 'registration').standard_normal(2)
+        shift = random_of(self.scenario, 'registration').standard_normal(2)
         object.__setattr__(self, 'placement', placement)
-        object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))
+        object.__setattr__(self, 'registration', freeze(noise.registration_std * shift))
         motion, run = self.scenario.motion, None
         if motion is not None and motion.inertia:
             rested = self._at(0.0, self.lowest, Load(), {})
@@ -194,13 +196,14 @@ class LiveLab:
         """Return the state with other effects; new effects start at rest."""
         names = {effect.name for effect in self.scenario.effects}
         past = {name: values for name, values in state.past.items() if name in names}
-        same = self._at(state.time, state.pressure, state.load, past)
+        rested = self._at(state.time, state.pressure, state.load, past)
         if self.run is None:
-            return same
+            return rested
         swing, resting = state.swing, self.run.resting
-        if swing is None or swing[0].size != resting[0].size:  # a clamp that gives is a joint more
+        # A compliant clamp is one more joint.
+        if swing is None or swing[0].size != resting[0].size:
             swing = resting
-        return replace(same, swing=swing, behind=state.behind)
+        return replace(rested, swing=swing, lag=state.lag)
 
     def _at(self, time: float, pressure: float, load: Load, past: dict[str, Past]) -> LiveState:
         course, past = apply_effects(self.scenario, np.zeros(1), np.full(1, pressure), past)
@@ -228,21 +231,21 @@ class LiveLab:
         pressure = self.valve.pressure(state.pressure, command, seconds)
         course, past = apply_effects(self.scenario, seconds, pressure, state.past)
         load = state.load if load is None else load
-        later = replace(
+        next_state = replace(
             state, time=time, pressure=float(pressure[-1]), load=load, course=course, past=past
         )
-        return later if self.run is None else self.swung(self.run, state, later)
+        return next_state if self.run is None else self.with_swing(self.run, state, next_state)
 
-    def swung(self, run: Run, state: LiveState, later: LiveState) -> LiveState:
+    def with_swing(self, run: Run, state: LiveState, next_state: LiveState) -> LiveState:
         """Return a later state of the swinging arm; skips time beyond the decay of a swing."""
-        step, elapsed = run.motion.timestep, later.time - state.time
-        count = int((elapsed + state.behind) / step)
-        behind = elapsed + state.behind - count * step
+        step, elapsed = run.motion.timestep, next_state.time - state.time
+        count = int((elapsed + state.lag) / step)
+        behind = elapsed + state.lag - count * step
         count = min(count, MOST_STEPS_BETWEEN)
         begins = freeze(elapsed - behind - step * np.arange(count, 0.0, -1.0))
-        chain_at = functools.partial(self.chain_at, later.course, later.load)
+        chain_at = functools.partial(self.chain_at, next_state.course, next_state.load)
         swing = run.follow(state.swing or run.resting, chain_at, begins, state.time)
-        return replace(later, swing=swing, behind=behind)
+        return replace(next_state, swing=swing, lag=behind)
 
     def chain_at(self, course: Course, load: Load, times: Array) -> Chain:
         """Return the chain under a load at times (n,) s of a course."""
@@ -267,23 +270,23 @@ class LiveLab:
         """Return the shape in equilibrium, near the last one; RequestError if none is found."""
         chain = self.chain_at(state.course, state.load, state.course.time[-1:])
         if self.scenario.motion is not None:
-            chain = with_weight(self.scenario, chain, self.felt(state.time)[:, :2])
+            chain = with_weight(self.scenario, chain, self.apparent_gravity(state.time)[:, :2])
         return equilibrium_shape(chain, state.angles)
 
-    def tip_compliance(self, state: LiveState, along: Array) -> float:
+    def tip_compliance(self, state: LiveState, direction: Array) -> float:
         """Return the compliance (m/N) of the tip along a direction (2,), in equilibrium.
 
         RequestError if none is found.
         """
         arm, load = self.scenario.arm, state.load
         small = SMALL_FORCE * arm.weight
-        force = np.array([load.force_x, load.force_y]) + small * along
-        pushed = replace(load, force_x=float(force[0]), force_y=float(force[1]))
+        force = np.array([load.force_x, load.force_y]) + small * direction
+        pulled = replace(load, force_x=float(force[0]), force_y=float(force[1]))
         tips = [
             np.array(self.shape_at_rest(one).points([arm.reach])[:2])[:, 0, 0]
-            for one in (state, replace(state, load=pushed))
+            for one in (state, replace(state, load=pulled))
         ]
-        return float((tips[1] - tips[0]) @ along) / small
+        return float((tips[1] - tips[0]) @ direction) / small
 
     def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:
         """Return noisy sensor readings."""
@@ -291,9 +294,9 @@ class LiveLab:
         force = np.array([[load.force_x, load.force_y]])
         pressure, force = read_sensors(self.scenario, np.array([state.pressure]), freeze(force))
         white = random.standard_normal(4)
-        felt = Load()
-        if load.hangs:
-            felt = Load(
+        measured = Load()
+        if load.is_loaded:
+            measured = Load(
                 force_x=float(force[0, 0] + noise.force_std * white[1]),
                 force_y=float(force[0, 1] + noise.force_std * white[2]),
                 moment=load.moment + noise.moment_std * float(white[3]),
@@ -301,20 +304,20 @@ class LiveLab:
         imu = None
         if self.scenario.rates.imu > 0.0:
             shaken = noise.imu_std * random.standard_normal(3)
-            imu = freeze(shaken - self.felt(state.time)[0])
+            imu = freeze(shaken - self.apparent_gravity(state.time)[0])
         pressure = pressure + noise.pressure_std * white[0]
-        return LiveReading(pressure=float(pressure[0]), load=felt, imu=imu)
+        return LiveReading(pressure=float(pressure[0]), load=measured, imu=imu)
 
-    def felt(self, time: float) -> Array:
+    def apparent_gravity(self, time: float) -> Array:
         """Return the apparent gravity in the frame of the base, (1, 3) m/s^2."""
         motion = self.scenario.motion or LabMotion()
-        return motion.felt(np.mod(np.array([time]), self.period), self.period)
+        return motion.apparent_gravity(np.mod(np.array([time]), self.period), self.period)
 
     @property
     def frame_delay(self) -> float:
         """Delay (s) of frame stamps."""
         middle = np.full(1, MIDDLE)
-        return float(sum(effect.late(middle)[0] for effect in self.scenario.effects))
+        return float(sum(effect.frame_delay(middle)[0] for effect in self.scenario.effects))
 
     def camera_points(self, shape: ChainShape | MovingShape) -> Array:
         """Return the targets in the image (targets, 2) m, before noise."""

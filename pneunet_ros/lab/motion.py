@@ -93,17 +93,17 @@ class LabMotion:
     def follow(self, row: Row, share: Array) -> tuple[Array, Array, Array]:
         """Interpolate a row at shares of time (n,) with minimum jerk; also returns derivatives."""
         if not any(row):
-            nothing = freeze(np.zeros(share.size))
-            return nothing, nothing, nothing
+            zero = freeze(np.zeros(share.size))
+            return zero, zero, zero
         knots, values = np.array(self.turn_share), np.array(row)
         part = np.clip(np.searchsorted(knots, share, side='right') - 1, 0, knots.size - 2)
         span = np.diff(knots)[part]
         u = np.clip((share - knots[part]) / span, 0.0, 1.0)
-        by = np.diff(values)[part]
+        change = np.diff(values)[part]
         return (
-            freeze(values[part] + by * u**3 * (10.0 + u * (6.0 * u - 15.0))),
-            freeze(by / span * 30.0 * u**2 * (1.0 - u) ** 2),
-            freeze(by / span**2 * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)),
+            freeze(values[part] + change * u**3 * (10.0 + u * (6.0 * u - 15.0))),
+            freeze(change / span * 30.0 * u**2 * (1.0 - u) ** 2),
+            freeze(change / span**2 * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)),
         )
 
     def pull(self, times: Array, duration: float) -> Array:
@@ -113,14 +113,14 @@ class LabMotion:
         acceleration of the base.
         """
         down = np.array([self.gravity_x, self.gravity_y])
-        beyond = -math.sqrt(max(1.0 - float(down @ down), 0.0))
-        pulls = np.tile(STANDARD_GRAVITY * np.append(down, beyond), (times.size, 1))
+        out_of_plane = -math.sqrt(max(1.0 - float(down @ down), 0.0))
+        pulls = np.tile(STANDARD_GRAVITY * np.append(down, out_of_plane), (times.size, 1))
         share = freeze(times / duration)
         for axis, row in enumerate((self.shift_x, self.shift_y)):
             pulls[:, axis] -= self.follow(row, share)[2] / duration**2
         return freeze(pulls)
 
-    def felt(self, times: Array, duration: float) -> Array:
+    def apparent_gravity(self, times: Array, duration: float) -> Array:
         """Return the apparent gravity in the frame of the base, which also turns."""
         pulls = self.pull(times, duration).copy()
         angle = self.turn(freeze(times / duration))[0]

@@ -85,25 +85,25 @@ class MovingShape:
         u = s / self.link - row
         theta = (1.0 - u) * self.heading[:, row] + u * self.heading[:, row + 1]
         first, last = self.link * u * (1.0 - u) ** 2, self.link * u**2 * (u - 1.0)
-        later = u**2 * (3.0 - 2.0 * u)
+        blend = u**2 * (3.0 - 2.0 * u)
         found = []
         for values, part in ((self.x, np.cos), (self.y, np.sin)):
             slope = part(self.heading)
-            place = (1.0 - later) * values[:, row] + later * values[:, row + 1]
-            place = place + first * slope[:, row] + last * slope[:, row + 1]
-            found.append(freeze(place + (places - s) * part(theta)))
+            position = (1.0 - blend) * values[:, row] + blend * values[:, row + 1]
+            position = position + first * slope[:, row] + last * slope[:, row + 1]
+            found.append(freeze(position + (places - s) * part(theta)))
         return found[0], found[1], freeze(theta)
 
     def curvature(self, arclength: npt.ArrayLike) -> Array:
         """Return the curvature (1/m) at places (m), (frames, places); 0 on the cap."""
-        wanted = np.asarray(arclength, np.float64)
+        positions = np.asarray(arclength, np.float64)
         middles = self.link * (np.arange(self.heading.shape[1] - 1) + 0.5)
         bend = np.diff(self.heading, axis=1) / self.link
-        s = np.clip(wanted, middles[0], middles[-1])
+        s = np.clip(positions, middles[0], middles[-1])
         row = np.clip(np.searchsorted(middles, s, side='right') - 1, 0, middles.size - 2)
         above = (s - middles[row]) / self.link
         curvature = (1.0 - above) * bend[:, row] + above * bend[:, row + 1]
-        return freeze(np.where(wanted > self.length, 0.0, curvature))
+        return freeze(np.where(positions > self.length, 0.0, curvature))
 
 
 class Frame(NamedTuple):
@@ -132,14 +132,14 @@ def moving_shape(
         length=arm.length,
         heading=freeze(arm.clamp_angle + np.cumsum(angles, axis=1)),
     )
-    turned, rate, _ = run.base_at(times)
+    base_angle, rate, _ = run.base_at(times)
     return shape, MotionTruth(
         tip_velocity=tip_velocity(shape, np.cumsum(rates, axis=1), arm.tip_cap),
         contact_force=freeze(np.array([frame.contact_force for frame in frames])),
         contact_place=freeze(np.array([frame.contact_place for frame in frames])),
-        base_angle=turned,
+        base_angle=base_angle,
         base_rate=rate,
-        specific_force=freeze(-motion.felt(times, duration)[:, :2]),
+        specific_force=freeze(-motion.apparent_gravity(times, duration)[:, :2]),
     )
 
 
@@ -151,8 +151,10 @@ def tip_velocity(shape: MovingShape, spin: Array, cap: float) -> Array:
     weight = np.full(spin.shape[1], shape.link)
     weight[[0, -1]] *= 0.5
     weight[-1] += cap
-    across = -np.sin(shape.heading) * spin, np.cos(shape.heading) * spin
-    return freeze(np.column_stack([across[0] @ weight, across[1] @ weight, spin[:, -1]]))
+    normal_rates = -np.sin(shape.heading) * spin, np.cos(shape.heading) * spin
+    return freeze(
+        np.column_stack([normal_rates[0] @ weight, normal_rates[1] @ weight, spin[:, -1]])
+    )
 
 
 def rotated(vector: Array, angle: Array) -> Array:
@@ -176,7 +178,7 @@ class Hinges:
         edges = np.clip(chain.element * (np.arange(joints + 1) - 0.5), 0.0, chain.length)
         before = np.clip(chain.split[:, None] - edges[:-1], 0.0, np.diff(edges))
         first, second = chain.rigidity[:, :1], chain.rigidity[:, 1:]
-        bend = (before / first + (np.diff(edges) - before) / second) / chain.stiffer
+        bend = (before / first + (np.diff(edges) - before) / second) / chain.rigidity_factors
         compliance, rest = paired(bend), paired(chain.turning)
         cubic = np.full(links, chain.cubic * (links / chain.length) ** 2)
         if chain.clamp_compliance > 0.0:
@@ -234,14 +236,14 @@ class Run:
         self.turning = any(motion.turn_angle)
         chain = chain_at(np.zeros(1))
         refuse_what_mujoco_cannot(chain)
-        self.gives = chain.clamp_compliance > 0.0
+        self.has_clamp_hinge = chain.clamp_compliance > 0.0
         self.hinges = Hinges(chain, self.links)
         root = mjcf_tree(self.hinge_chain())
         self.add_surroundings(root)
         text = ElementTree.tostring(root, encoding='unicode')
         self.model = self.mujoco.MjModel.from_xml_string(text)
         self.data = self.mujoco.MjData(self.model)
-        start = self.model.body('link_1' if self.gives else 'base').id
+        start = self.model.body('link_1' if self.has_clamp_hinge else 'base').id
         self.bodies = slice(start, start + self.links + 1)
         self.dofs = slice(int(self.turning), None)
         # From the middle of mass of each link back to where it begins (m).
@@ -264,7 +266,7 @@ class Run:
             damping_time=motion.damping_time,
             radius=motion.radius,
             timestep=motion.timestep,
-            hinge=np.append(0.0, hinge) if self.gives else hinge,
+            hinge=np.append(0.0, hinge) if self.has_clamp_hinge else hinge,
             pressure=np.zeros(1),
             stiffness=self.hinges.stiffness,
             rest=self.hinges.rest,
@@ -332,33 +334,33 @@ class Run:
         """Set springs and damping to those of one instant."""
         model, hinges, dofs = self.model, self.hinges, self.dofs
         stiffness, rest = hinges.stiffness[row], hinges.rest[row]
-        bent = self.data.qpos[dofs] - rest
+        bend = self.data.qpos[dofs] - rest
         model.jnt_stiffness[dofs], model.qpos_spring[dofs] = stiffness, rest
         model.jnt_stiffnesspoly[dofs, 1] = stiffness * hinges.cubic
         # The integrator `discrete` damps as a damping time of one step does.
         damping = max(self.motion.damping_time - self.motion.timestep, 0.0)
-        model.dof_damping[dofs] = damping * stiffness * (1.0 + 3.0 * hinges.cubic * bent**2)
+        model.dof_damping[dofs] = damping * stiffness * (1.0 + 3.0 * hinges.cubic * bend**2)
 
     def set_loads(self, chain: Chain, row: int) -> None:
         """Apply the forces of one instant to all links, at the positions in `data`."""
         qpos = self.data.qpos
         base = float(qpos[0]) if self.turning else 0.0
-        turned = np.cumsum(qpos[self.dofs])
+        bend_angles = np.cumsum(qpos[self.dofs])
         force = self.hinges.weight[row].copy()
         torque = np.zeros(self.links + 1)
         torque[-1] += chain.moment[row]
-        end = 0.5 * self.link + chain.beyond - self.middles[-1]
-        lever = along(self.arm.clamp_angle + turned[-1], end, chain.beside)
-        add(force, torque, self.links, chain.force[row], lever)
+        end = 0.5 * self.link + chain.end_offset_along - self.middles[-1]
+        lever = in_heading(self.arm.clamp_angle + bend_angles[-1], end, chain.end_offset_across)
+        add_force(force, torque, self.links, chain.force[row], lever)
         if chain.push is not None:
-            place = chain.push.place
-            link = min(int(place / self.link + 0.5), self.links)
+            position = chain.push.place
+            link = min(int(position / self.link + 0.5), self.links)
             start = max(link - 0.5, 0.0) * self.link
-            before = link if self.gives else link - 1
-            relative = self.arm.clamp_angle + (turned[before] if before >= 0 else 0.0)
-            push = along(relative, 0.0, float(chain.push.force[row]))
-            lever = along(relative, place - start - self.middles[link], 0.0)
-            add(force, torque, link, push, lever)
+            before = link if self.has_clamp_hinge else link - 1
+            relative = self.arm.clamp_angle + (bend_angles[before] if before >= 0 else 0.0)
+            push = in_heading(relative, 0.0, float(chain.push.force[row]))
+            lever = in_heading(relative, position - start - self.middles[link], 0.0)
+            add_force(force, torque, link, push, lever)
         if self.turning:
             cosine, sine = np.cos(base), np.sin(base)
             force = force @ np.array([[cosine, sine], [-sine, cosine]])
@@ -367,24 +369,24 @@ class Run:
 
     def frames(self, times: Array) -> Iterator[Frame]:
         """Step through the recording; yield events at times (frames,) s, increasing."""
-        step, wanted = self.motion.timestep, 0
+        step, index = self.motion.timestep, 0
         count = int(np.ceil(times[-1] / step))
         for first in range(0, count, BLOCK):
             begins = step * np.arange(first, min(first + BLOCK, count), dtype=np.float64)
             for row, joints in enumerate(self.steps(self.chain_at, begins, begins)):
-                begun = float(begins[row])
-                if wanted == times.size or times[wanted] > begun + step:
+                step_begin = float(begins[row])
+                if index == times.size or times[index] > step_begin + step:
                     continue
                 contact = self.contact()
                 before, after = self.state(*joints), self.state(*self.joints)
-                while wanted < times.size and times[wanted] <= begun + step:
-                    share = float(times[wanted] - begun) / step
+                while index < times.size and times[index] <= step_begin + step:
+                    share = float(times[index] - step_begin) / step
                     angles, rates = (
                         (1.0 - share) * one + share * two
                         for one, two in zip(before, after, strict=True)
                     )
                     yield Frame(angles, rates, *contact)
-                    wanted += 1
+                    index += 1
             self.check(float(begins[-1]) + step)
 
     def steps(self, chain_at: ChainAt, begins: Array, of_base: Array) -> Iterator[Swing]:
@@ -422,7 +424,7 @@ class Run:
     def shape(self, swing: Swing) -> MovingShape:
         """Return the shape of the swinging arm."""
         angles = swing[0][self.dofs]
-        angles = angles if self.gives else np.append(0.0, angles)
+        angles = angles if self.has_clamp_hinge else np.append(0.0, angles)
         heading = self.arm.clamp_angle + np.cumsum(angles)[None]
         return MovingShape(link=self.link, length=self.arm.length, heading=freeze(heading))
 
@@ -443,29 +445,30 @@ class Run:
 
     def state(self, angles: Array, rates: Array) -> tuple[Array, Array]:
         """Return angles (rad) and rates (rad/s) of clamp and hinges, each (links + 1,)."""
-        if self.gives:
+        if self.has_clamp_hinge:
             return angles, rates
         return np.append(0.0, angles), np.append(0.0, rates)
 
     def contact(self) -> tuple[Array, float]:
         """Return the force (2,) N of the peg on the arm in the base frame, and its place (m)."""
-        force, place, weight, result = np.zeros(2), 0.0, 0.0, np.zeros(6)
+        force, weighted_place, weight, result = np.zeros(2), 0.0, 0.0, np.zeros(6)
         for index in range(self.data.ncon):
             touch = self.data.contact[index]
             self.mujoco.mj_contactForce(self.model, self.data, index, result)
-            pushed = touch.frame.reshape(3, 3).T @ result[:3]
+            contact_force = touch.frame.reshape(3, 3).T @ result[:3]
             bodies = [int(self.model.geom_bodyid[geom]) for geom in touch.geom]
             peg = self.model.geom('peg').id
             second = int(touch.geom[0]) == peg
             link = (bodies[1] if second else bodies[0]) - self.bodies.start
-            force += (pushed if second else -pushed)[:2]
-            size = float(np.hypot(*pushed[:2]))
+            force += (contact_force if second else -contact_force)[:2]
+            size = float(np.hypot(*contact_force[:2]))
             body = self.bodies.start + link
-            beyond = float((touch.pos - self.data.xpos[body]) @ self.data.xmat[body][::3])
-            place += size * (max(link - 0.5, 0.0) * self.link + beyond)
+            offset = float((touch.pos - self.data.xpos[body]) @ self.data.xmat[body][::3])
+            weighted_place += size * (max(link - 0.5, 0.0) * self.link + offset)
             weight += size
         base = float(self.data.qpos[0]) if self.turning else 0.0
-        return rotated(force, np.array([-base]))[0], place / weight if weight else float('nan')
+        place = weighted_place / weight if weight else float('nan')
+        return rotated(force, np.array([-base]))[0], place
 
     def check(self, time: float) -> None:
         """Raise RequestError if MuJoCo reports that the simulation diverged."""
@@ -479,13 +482,13 @@ class Run:
                 )
 
 
-def along(heading: float, forward: float, left: float) -> Array:
+def in_heading(heading: float, forward: float, leftward: float) -> Array:
     """Return the vector (2,) forward and to the left of a heading (rad)."""
     cosine, sine = np.cos(heading), np.sin(heading)
-    return np.array([forward * cosine - left * sine, forward * sine + left * cosine])
+    return np.array([forward * cosine - leftward * sine, forward * sine + leftward * cosine])
 
 
-def add(force: Array, torque: Array, link: int, pushed: Array, lever: Array) -> None:
+def add_force(force: Array, torque: Array, link: int, applied: Array, lever: Array) -> None:
     """Add a force (2,) N acting at a lever (2,) m from the center of mass of a link."""
-    force[link] += pushed
-    torque[link] += lever[0] * pushed[1] - lever[1] * pushed[0]
+    force[link] += applied
+    torque[link] += lever[0] * applied[1] - lever[1] * applied[0]

@@ -36,15 +36,15 @@ class LabHarmlessMismatch(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Change the rotation of the joints of the unloaded arm slightly."""
-        along = places(chain) / arm.length
+        positions = places(chain) / arm.length
         top = arm.pressure_range[1]
         pull = np.minimum(np.hypot(chain.force[:, 0], chain.force[:, 1]) / arm.weight, 1.0)
         free = np.sin(2.0 * math.pi * chamber / top)[:, None] * np.cos(
-            2.0 * math.pi * along + self.phase
+            2.0 * math.pi * positions + self.phase
         )
-        loaded = pull[:, None] * np.sin(math.pi * along)
-        off = 0.5 * self.size * (free + loaded)
-        return replace(chain, turning=freeze(chain.turning * (1.0 + off)))
+        loaded = pull[:, None] * np.sin(math.pi * positions)
+        change = 0.5 * self.size * (free + loaded)
+        return replace(chain, turning=freeze(chain.turning * (1.0 + change)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,13 +63,13 @@ class LabWeakChamber(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Reduce stiffness and rotation of the joints of the chamber."""
-        here = np.exp(-0.5 * ((places(chain) / arm.length - self.place) / self.width) ** 2)
-        grown = (np.maximum(chamber, 0.0) / arm.pressure_range[1])[:, None] ** 3 * here
+        profile = np.exp(-0.5 * ((places(chain) / arm.length - self.place) / self.width) ** 2)
+        grown = (np.maximum(chamber, 0.0) / arm.pressure_range[1])[:, None] ** 3 * profile
         span = np.full(chain.turning.shape[1], chain.element)
         span[[0, -1]] *= 0.5
         return replace(
             chain,
-            stiffer=freeze(chain.stiffer * (1.0 - self.rigidity_loss * grown)),
+            rigidity_factors=freeze(chain.rigidity_factors * (1.0 - self.rigidity_loss * grown)),
             turning=freeze(chain.turning - self.curvature_dip * grown * span),
         )
 
@@ -102,8 +102,10 @@ class LabTouchingPeg(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Add the stop."""
-        place = self.place * arm.length
-        return replace(chain, peg=Peg(place=place, height=self.height, stiffness=self.stiffness))
+        position = self.place * arm.length
+        return replace(
+            chain, peg=Peg(place=position, height=self.height, stiffness=self.stiffness)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,8 +167,8 @@ class LabPulley(LabEffect):
             found = np.column_stack([x[:, -1], y[:, -1]])
             if np.abs(found - tip).max() < TIP_RESTS * arm.length:
                 return chain
-            tip, way = found, np.array([self.eye_x, self.eye_y]) - found
-            force = tension * way / np.linalg.norm(way, axis=1, keepdims=True)
+            tip, direction = found, np.array([self.eye_x, self.eye_y]) - found
+            force = tension * direction / np.linalg.norm(direction, axis=1, keepdims=True)
             chain = replace(chain, force=freeze(force))
         raise RequestError(
             f'the tip of the lab arm does not come to rest under its string to {self.eye_x:g}, '

@@ -65,8 +65,8 @@ class Protocol(abc.ABC):
 
     def holds(self, count: int, ramps: int) -> float:
         """Return the duration (s) of each of this many holds, given the ramps and rests."""
-        left = self.duration - self.rest - ramps * self.ramp
-        return share_of_time(left, count, SHORTEST, 'holds')
+        remaining = self.duration - self.rest - ramps * self.ramp
+        return share_of_time(remaining, count, SHORTEST, 'holds')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +79,8 @@ class SlowRamp(Protocol):
 
     def timeline(self) -> Timeline:
         """Return the ramp."""
-        left = self.duration - 2.0 * self.rest - self.hold
-        slope = share_of_time(left, 2, SHORTEST, 'ramps')
+        remaining = self.duration - 2.0 * self.rest - self.hold
+        slope = share_of_time(remaining, 2, SHORTEST, 'ramps')
         legs = [
             Leg(self.rest, 0.0),
             Leg(slope, self.top),
@@ -125,9 +125,9 @@ class DeadWeights(Protocol):
         count = len(self.weights) * len(self.pressures)
         hold = self.holds(count, count + 1)
         legs = [Leg(self.rest, 0.0), Leg(self.ramp, self.pressures[0])]
-        for place, weight in enumerate(self.weights):
+        for index, weight in enumerate(self.weights):
             force = weight * math.cos(self.angle), weight * math.sin(self.angle)
-            for level in self.pressures[:: -1 if place % 2 else 1]:
+            for level in self.pressures[:: -1 if index % 2 else 1]:
                 legs += [Leg(self.ramp, level, force), Leg(hold, level, force)]
         return timeline(legs, loaded=True)
 
@@ -145,8 +145,8 @@ class ForceSweeps(Protocol):
     def timeline(self) -> Timeline:
         """Return the sweeps."""
         count = len(self.pressures) * len(self.angles)
-        left = self.duration - self.rest - (count + 1) * self.ramp
-        half = share_of_time(left, 2 * count, SHORTEST, 'sweeps')
+        remaining = self.duration - self.rest - (count + 1) * self.ramp
+        half = share_of_time(remaining, 2 * count, SHORTEST, 'sweeps')
         legs = [Leg(self.rest, 0.0), Leg(self.ramp, self.pressures[0])]
         for level in self.pressures:
             for angle in self.angles:
@@ -218,8 +218,8 @@ class RandomMix(Protocol):
         random = np.random.default_rng([int(self.seed), 5])
         loaded = any(self.force_x) or any(self.force_y)
         legs = [Leg(self.rest, 0.0)]
-        left = self.duration - self.rest
-        while left > 0.0:
+        remaining = self.duration - self.rest
+        while remaining > 0.0:
             level, a, b, slope, hold = random.uniform(size=5)
             force = (
                 self.force_x[0] + a * (self.force_x[-1] - self.force_x[0]),
@@ -227,14 +227,14 @@ class RandomMix(Protocol):
             )
             level = self.lowest + level * (self.top - self.lowest)
             slope = self.ramp * (1.0 + 4.0 * slope**2)
-            if slope > left:  # no time for a ramp: a last hold
-                legs.append(legs[-1]._replace(seconds=left))
+            if slope > remaining:  # no time for a ramp: a last hold
+                legs.append(legs[-1]._replace(seconds=remaining))
                 break
-            hold = min(3.0 * max(hold - 0.4, 0.0), left - slope)
+            hold = min(3.0 * max(hold - 0.4, 0.0), remaining - slope)
             for part in (slope, hold):
                 if part > 0.0:
                     legs.append(Leg(part, level, force))
-            left -= slope + hold
+            remaining -= slope + hold
         return timeline(legs, loaded=loaded)
 
 

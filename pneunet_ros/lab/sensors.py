@@ -133,8 +133,8 @@ def draw_hidden(
     """Return a mask of hidden targets, (frames, targets)."""
     missing: npt.NDArray[np.bool_] = random.uniform(size=(time.size, targets)) < noise.dropout
     for _ in range(int(random.poisson(noise.occlusions * duration))):
-        begin, length = random.uniform(0.0, duration), random.uniform(*OCCLUSION)
+        start, length = random.uniform(0.0, duration), random.uniform(*OCCLUSION)
         first, count = random.integers(targets), random.integers(HIDDEN[0], HIDDEN[1] + 1)
-        frames = (time >= begin) & (time < begin + length)
+        frames = (time >= start) & (time < start + length)
         missing[frames, first : first + count] = True
     return missing

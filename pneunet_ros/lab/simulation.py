@@ -163,10 +163,10 @@ def apply_effects(
         weights=scenario.arm.curvature_weights(pressure),
         rigidity_factor=freeze(np.ones(time.size)),
     )
-    later: dict[str, Past] = {}
+    next_memory: dict[str, Past] = {}
     for effect in scenario.effects:
-        course, later[effect.name] = effect.unfold(course, past.get(effect.name, ()))
-    return course, later
+        course, next_memory[effect.name] = effect.unfold(course, past.get(effect.name, ()))
+    return course, next_memory
 
 
 def shape_of(
@@ -180,7 +180,7 @@ def shape_of(
     if motion is None or not motion.inertia:
         chain = chain_of(scenario, course, times, events.force_at(times))
         if motion is not None:
-            pulls = motion.felt(times, events.duration)[:, :2]
+            pulls = motion.apparent_gravity(times, events.duration)[:, :2]
             return equilibrium_shape(with_weight(scenario, chain, pulls)), None, chain.force
         return equilibrium_shape(chain), None, chain.force
     fine = for_mujoco(scenario)
@@ -224,16 +224,16 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
     factor = np.interp(times, course.time, course.rigidity_factor)
     rigidity, split = arm.stiffness(chamber)
     borders = middle_joints(arm.length, int(scenario.detail.elements))
-    turned = sample(course, course.weights, times) @ arm.turning_angle(borders)
+    angles = sample(course, course.weights, times) @ arm.turning_angle(borders)
     chain = Chain(
         length=arm.length,
         clamp_angle=arm.clamp_angle,
-        turning=freeze(np.diff(turned, axis=1)),
+        turning=freeze(np.diff(angles, axis=1)),
         rigidity=freeze(rigidity * factor[:, None]),
         split=split,
         force=force,
         moment=freeze(np.zeros(times.size)),
-        beyond=arm.tip_cap,
+        end_offset_along=arm.tip_cap,
         time=times,
     )
     for effect in scenario.effects:
@@ -267,18 +267,18 @@ def measure(
     arm, noise, rates = scenario.arm, scenario.noise, scenario.rates
     start, duration = scenario.start, events.duration
     share = freeze(truth.time / duration)
-    late = sum((effect.late(share) for effect in scenario.effects), 0.0 * share)
+    delay = sum((effect.frame_delay(share) for effect in scenario.effects), 0.0 * share)
     times = (
         regular_times(rates.pressure, duration),
         regular_times(rates.wrench, duration),
-        freeze(truth.time + late),
+        freeze(truth.time + delay),
         regular_times(rates.imu, duration),
     )
     stamp = [
         draw_stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
         for name, time in zip(('pressure', 'wrench', 'frames', 'imu'), times, strict=True)
     ]
-    pulls = (scenario.motion or LabMotion()).felt(times[3], duration)
+    pulls = (scenario.motion or LabMotion()).apparent_gravity(times[3], duration)
     shaken = noise.imu_std * random_of(scenario, 'imu').standard_normal(pulls.shape)
     pressure, _ = read_sensors(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
     white = random_of(scenario, 'pressure').standard_normal(pressure.size)

@@ -67,12 +67,12 @@ def timeline(legs: Iterable[Leg], *, loaded: bool, start: Leg = REST) -> Timelin
     )
 
 
-def share_of_time(left: float, parts: int, shortest: float, what: str) -> float:
+def share_of_time(remaining: float, parts: int, shortest: float, name: str) -> float:
     """Return the length (s) of equal parts; RequestError if they are too short."""
-    part = left / parts
+    part = remaining / parts
     if part < shortest:
         raise RequestError(
-            f'protocol: {what} would last {part:.2f} s each, but at least {shortest:g} s is '
+            f'protocol: {name} would last {part:.2f} s each, but at least {shortest:g} s is '
             'needed: make the duration longer or the protocol simpler',
             reason='too_short',
         )

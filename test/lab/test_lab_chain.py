@@ -115,7 +115,7 @@ def test_any_load_after_any_other_ends_at_rest():
     for frame in range(200):
         parts = np.empty((3, 98))
         load = np.array([*many.rigidity[frame], many.split[frame], *force[frame], 0.0])
-        tables = (many.turning, many.stiffer, many.rest, many.line)
+        tables = (many.turning, many.rigidity_factors, many.rest, many.line)
         of_frame = ChainFrame(*(table[frame] for table in tables), load, numbers)
         energy_of(found.angles[frame], of_frame, 1.0, *parts)
         assert np.abs(parts[0]).max() < 1e-10  # N m

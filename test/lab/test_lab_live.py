@@ -121,7 +121,7 @@ def test_a_load_stays_until_it_is_taken_away():
     assert state.load == load
     assert lab().reading(state, np.random.default_rng(0)).load == load
     state = lab().step(state, 1.5, 2e4, Load())
-    assert not state.load.hangs
+    assert not state.load.is_loaded
 
 
 def test_an_object_that_knows_how_far_a_tip_gives_is_at_rest_with_it_in_a_few_steps():

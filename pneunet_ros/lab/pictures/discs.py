@@ -53,14 +53,16 @@ def see_discs(camera: Camera, x: Array, y: Array, radius: Array) -> Discs:
     u, v = camera.project(
         x[:, None] + radius[:, None] * _ACROSS, y[:, None] + radius[:, None] * _ALONG
     )
-    near = np.stack([u[:, :9], v[:, :9]], axis=1)
-    slope = 0.5 * np.stack([near[..., 1] - near[..., 2], near[..., 3] - near[..., 4]], axis=2)
-    middle = 2.0 * near[..., 0]
+    outline = np.stack([u[:, :9], v[:, :9]], axis=1)
+    slope = 0.5 * np.stack(
+        [outline[..., 1] - outline[..., 2], outline[..., 3] - outline[..., 4]], axis=2
+    )
+    middle = 2.0 * outline[..., 0]
     bend = np.stack(
         [
-            near[..., 1] + near[..., 2] - middle,
-            0.25 * (near[..., 5] - near[..., 6] - near[..., 7] + near[..., 8]),
-            near[..., 3] + near[..., 4] - middle,
+            outline[..., 1] + outline[..., 2] - middle,
+            0.25 * (outline[..., 5] - outline[..., 6] - outline[..., 7] + outline[..., 8]),
+            outline[..., 3] + outline[..., 4] - middle,
         ],
         axis=2,
     )
@@ -119,8 +121,8 @@ def cover(
     the covered shares (n, PARTS rows, PARTS columns) of the parts of its pixels, rows == columns,
     with a margin of a few px around the disc. Discs must be finite and not empty.
     """
-    far = discs.reach + np.hypot(shift_u, shift_v).max(axis=1)
-    half = math.ceil(float(far.max()) + 1.0) + margin
+    largest_radius = discs.reach + np.hypot(shift_u, shift_v).max(axis=1)
+    half = math.ceil(float(largest_radius.max()) + 1.0) + margin
     size = 2 * half + 1
     column = np.rint(discs.u).astype(np.int64) - half
     row = np.rint(discs.v).astype(np.int64) - half
@@ -136,16 +138,18 @@ def cover(
         inward = narrow - narrow * np.sqrt(a * a + b * b)
         inside = (inward > 0.0).astype(np.float64)
         shares += inside[:, :, None, :, None]
-        disc, line, place = np.nonzero(np.abs(inward) < EDGE)
+        disc, pixel_row, pixel_column = np.nonzero(np.abs(inward) < EDGE)
         distance, normal_u, normal_v = edge_of(
             inverse,
             discs.bend,
             disc[:, None, None].astype(np.int64),
-            du[disc, place][:, None, None] + _PARTS,
-            dv[disc, line][:, None, None] + _PARTS[:, None],
+            du[disc, pixel_column][:, None, None] + _PARTS,
+            dv[disc, pixel_row][:, None, None] + _PARTS[:, None],
         )
         exact = half_plane(PARTS * distance, normal_u, normal_v)
-        shares[disc, line, :, place] += exact - inside[disc, line, place][:, None, None]
+        shares[disc, pixel_row, :, pixel_column] += (
+            exact - inside[disc, pixel_row, pixel_column][:, None, None]
+        )
     return column, row, shares.reshape(-1, PARTS * size, PARTS * size) / shift_u.shape[1]
 
 

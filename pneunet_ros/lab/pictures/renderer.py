@@ -123,8 +123,10 @@ def paint(
     hiding: Cover | None = None,
 ) -> Array:
     """Draw discs of a grey level, and return the visible share of each."""
-    still = np.zeros((discs.u.size, 1))
-    column, row, parts = cover(discs, *(shifts or (still, still)), math.ceil(BLUR_REACH * blur))
+    no_shift = np.zeros((discs.u.size, 1))
+    column, row, parts = cover(
+        discs, *(shifts or (no_shift, no_shift)), math.ceil(BLUR_REACH * blur)
+    )
     size = parts.shape[1] // PARTS
     pixels = parts.reshape(-1, size, PARTS, size, PARTS).sum(axis=(2, 4))
     visible = np.zeros(discs.u.size)
@@ -144,8 +146,8 @@ def paint(
                 lit = lit * shadow.repeat(PARTS, axis=0).repeat(PARTS, axis=1)
         visible[index] = seen.sum()
         share = (blurring[rows] @ lit @ blurring[columns].T).astype(np.float32)
-        behind = picture[in_rows, in_columns]
-        behind += share * (np.float32(grey) - behind)
+        background = picture[in_rows, in_columns]
+        background += share * (np.float32(grey) - background)
     fraction: Array = np.clip(visible / pixels.sum(axis=(1, 2)), 0.0, 1.0)
     return fraction
 
@@ -165,16 +167,16 @@ class Renderer:
         """Draw the static part of the image."""
         self.scene = scene
         width, height = scene.camera.width, scene.camera.height
-        still = backdrop(scene.background, scene.texture, scene.seed, width, height)
-        canvas = np.clip(np.rint(still), 0.0, 255.0).astype(np.uint8)
+        picture = backdrop(scene.background, scene.texture, scene.seed, width, height)
+        canvas = np.clip(np.rint(picture), 0.0, 255.0).astype(np.uint8)
         for label in scene.labels:
             draw_label(canvas, label)
-        still = canvas.astype(np.float32)
+        picture = canvas.astype(np.float32)
         for spot in scene.spots:
             values = (spot.u, spot.v, spot.major, spot.minor, spot.angle)
-            paint(still, flat_discs(*(np.array([value]) for value in values)), spot.grey)
-        draw_dots(still, scene.camera, scene.decoys)
-        self._canvas: Bytes = np.rint(still).astype(np.uint8)
+            paint(picture, flat_discs(*(np.array([value]) for value in values)), spot.grey)
+        draw_dots(picture, scene.camera, scene.decoys)
+        self._canvas: Bytes = np.rint(picture).astype(np.uint8)
         self._light: Grey = illumination(scene.light, width, height)
         self._glare: Grey = glare(scene.glints, width, height)
         self._unhidden = Cover(
@@ -201,8 +203,8 @@ class Renderer:
             if found is not None:
                 window, mask = found
                 hiding.open[window] *= 1.0 - mask
-                behind = canvas[window]
-                canvas[window] = np.rint(behind + mask * (occluder.grey - behind))
+                background = canvas[window]
+                canvas[window] = np.rint(background + mask * (occluder.grey - background))
         if scene.blur > 0.0:
             blurred: Any = cv2.GaussianBlur(
                 canvas, (0, 0), scene.blur, borderType=cv2.BORDER_REPLICATE

@@ -171,5 +171,5 @@ class FrameState:
 def turn_points(points: Array, u: float, v: float, angle: float) -> Array:
     """Return points (n, 2) rotated by an angle (rad, from +u towards +v) and moved to (u, v)."""
     cos, sin = math.cos(angle), math.sin(angle)
-    there: Array = points @ np.array([[cos, sin], [-sin, cos]]) + np.array([u, v])
-    return there
+    turned_points: Array = points @ np.array([[cos, sin], [-sin, cos]]) + np.array([u, v])
+    return turned_points

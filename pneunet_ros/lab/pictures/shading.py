@@ -38,11 +38,11 @@ def polygon_mask(corners: Array, width: int, height: int) -> tuple[Window, Grey]
 
 def fill(canvas: Canvas, polygons: list[Array], grey: float, smooth: bool = True) -> None:
     """Fill polygons, each (n, 2) px, on a canvas."""
-    whole: list[Any] = [
+    fixed_point: list[Any] = [
         np.rint(corners * 2**SUBPIXEL_BITS).astype(np.int32) for corners in polygons
     ]
     line = cv2.LINE_AA if smooth else cv2.LINE_8
-    cv2.fillPoly(canvas, whole, round(grey), line, SUBPIXEL_BITS)
+    cv2.fillPoly(canvas, fixed_point, round(grey), line, SUBPIXEL_BITS)
 
 
 def draw_label(canvas: Canvas, label: Label) -> None:
@@ -52,11 +52,11 @@ def draw_label(canvas: Canvas, label: Label) -> None:
     for line in range(label.lines):
         top = -0.4 + 0.8 * (line + 0.2) / label.lines
         bottom = top + 0.45 / label.lines
-        place = -0.43
-        while place < 0.3:
-            end = min(place + words.uniform(0.06, 0.24), 0.43)
-            fill(canvas, [_rectangle(label, place, end, top, bottom)], label.ink)
-            place = end + 0.045
+        cursor = -0.43
+        while cursor < 0.3:
+            end = min(cursor + words.uniform(0.06, 0.24), 0.43)
+            fill(canvas, [_rectangle(label, cursor, end, top, bottom)], label.ink)
+            cursor = end + 0.045
 
 
 def _rectangle(label: Label, left: float, right: float, top: float, bottom: float) -> Array:
@@ -68,14 +68,14 @@ def draw_body(canvas: Canvas, body: Body, camera: Camera) -> None:
     """Draw the arm: a base layer, chambers with gaps, and the clamp."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(body.x), np.diff(body.y)))])
     start = np.array([body.x[0], body.y[0]])
-    along = np.array([np.cos(body.theta[0]), np.sin(body.theta[0])])
+    tangent = np.array([np.cos(body.theta[0]), np.sin(body.theta[0])])
 
     def outlines(s: Array, top: float, bottom: float) -> list[Array]:
         """Return corners (px) of bands between two heights over the curve: s (bands, places)."""
         theta = np.interp(s, length, body.theta)
         before = np.minimum(s, 0.0)
-        x = np.interp(s, length, body.x) + before * along[0]
-        y = np.interp(s, length, body.y) + before * along[1]
+        x = np.interp(s, length, body.x) + before * tangent[0]
+        y = np.interp(s, length, body.y) + before * tangent[1]
         sin, cos = np.sin(theta), np.cos(theta)
         u, v = camera.project(
             np.concatenate([x - top * sin, (x - bottom * sin)[:, ::-1]], axis=1),
@@ -84,18 +84,23 @@ def draw_body(canvas: Canvas, body: Body, camera: Camera) -> None:
         return list(np.stack([u, v], axis=2))
 
     end = float(length[-1]) + 0.5 * body.below
-    whole = np.concatenate([[-STUB], length, [end]])[None]
-    fill(canvas, outlines(whole, 0.45 * body.above, -body.below), body.grey)
-    fill(canvas, outlines(whole, -0.72 * body.below, -body.below), body.grey + 16.0)
+    band = np.concatenate([[-STUB], length, [end]])[None]
+    fill(canvas, outlines(band, 0.45 * body.above, -body.below), body.grey)
+    fill(canvas, outlines(band, -0.72 * body.below, -body.below), body.grey + 16.0)
     starts = np.arange(-0.3 * body.pitch, end - 0.3 * body.pitch, body.pitch)[:, None]
     chambers = np.minimum(starts + np.linspace(0.0, 0.8 * body.pitch, CORNER_SAMPLES), end)
     fill(canvas, outlines(chambers, body.above, 0.2 * body.above), body.grey + 3.0)
     fill(canvas, outlines(chambers, body.above, 0.86 * body.above), body.grey + 20.0)
     reach, half, grey = CLAMP
-    across = np.array([-along[1], along[0]])
-    near, far = start - STUB * along, start - (STUB + reach) * along
+    normal = np.array([-tangent[1], tangent[0]])
+    inner_end, outer_end = start - STUB * tangent, start - (STUB + reach) * tangent
     block = np.array(
-        [near + half * across, far + half * across, far - half * across, near - half * across]
+        [
+            inner_end + half * normal,
+            outer_end + half * normal,
+            outer_end - half * normal,
+            inner_end - half * normal,
+        ]
     )
     fill(canvas, [np.stack(camera.project(block[:, 0], block[:, 1]), axis=1)], grey)
 
