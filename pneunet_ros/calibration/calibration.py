@@ -14,10 +14,10 @@ from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.camera_clock import (
     camera_clocks,
     CameraClock,
+    combined_clock,
     confirms,
     MOST_ROUNDS,
     retimed,
-    together,
 )
 from pneunet_ros.calibration.checks.consistency import (
     describe_misfit,
@@ -142,23 +142,26 @@ def calibrate(
             on_progress=on_progress,
             settings=settings,
         )
-        # What is left of a swing looks like a clock that drifts, around a fit that did not settle
-        # anything does, and model error may: the fit by new stamps has the last word.
+        # The rest of a swing, an unconverged fit or a model error may look like a drifting clock:
+        # only a better fit with the new stamps confirms it.
         if settled is not None and not confirms(found.joint, settled[0].joint):
             found, clocks = settled
             break
         settled = found, dict(clocks)
-        asked = earlier is None and found.motion is None and found.joint.converged
-        more = camera_clocks(found.joint, found.noise.noise) if asked else {}
-        if not more or rounds == MOST_ROUNDS:
+        may_correct = earlier is None and found.motion is None and found.joint.converged
+        corrections = camera_clocks(found.joint, found.noise.noise) if may_correct else {}
+        if not corrections or rounds == MOST_ROUNDS:
             break
         rounds += 1
-        clocks |= {name: together(clocks.get(name), one) for name, one in more.items()}
+        clocks |= {
+            name: combined_clock(clocks.get(name), one) for name, one in corrections.items()
+        }
         unloaded, loaded = (
-            [retimed(run, more.get(run.name)) for run in part] for part in (unloaded, loaded)
+            [retimed(run, corrections.get(run.name)) for run in part]
+            for part in (unloaded, loaded)
         )
-    said = tuple(clock.sentence for clock in clocks.values())
-    return replace(found, notes=(*said, *found.notes)) if said else found
+    clock_notes = tuple(clock.sentence for clock in clocks.values())
+    return replace(found, notes=(*clock_notes, *found.notes)) if clock_notes else found
 
 
 def calibrate_as_stamped(
@@ -323,10 +326,12 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
             )
         )
     if parameters.elongates:
-        own = slice(parameters.cells, parameters.before_law)
+        elongation_values = slice(parameters.cells, parameters.before_law)
         top = elongation.slopes(parameters.pressure[-1:])[0]
-        strain = 100.0 * float(top @ fit.values[own])
-        std = 100.0 * float(np.sqrt(top @ fit.covariance[own, own] @ top))
+        strain = 100.0 * float(top @ fit.values[elongation_values])
+        std = 100.0 * float(
+            np.sqrt(top @ fit.covariance[elongation_values, elongation_values] @ top)
+        )
         notes.append(
             Note(
                 f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
@@ -341,10 +346,10 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
 
 def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:
     """Return the domain of the recordings of a fit, joined with the earlier one."""
-    seen = [
+    observed = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs
     ]
     loads = np.concatenate(
-        [*seen, *([] if earlier is None else [earlier.end_load, earlier.unloaded])]
+        [*observed, *([] if earlier is None else [earlier.end_load, earlier.unloaded])]
     )
     return spanned_domain(loads, joint.arm.length, joint.arm.table_range)

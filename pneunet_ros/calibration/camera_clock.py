@@ -1,7 +1,7 @@
 """The camera clock relative to the clock of the readings: two unknowns per recording.
 
 If lost frames of a film are not counted, its stamps k / fps run slow. To first order, a timing
-error moves the targets by their velocity: late (s) in the middle of the recording, and rate (s/s).
+error moves the targets by their velocity: delay (s) in the middle of the recording, rate (s/s).
 Both are unknowns with a prior, fitted together with all others; the evidence shows whether the
 rate is real. An offset alone is not reported here, because a line between pressure sensor and
 chamber looks like one; `diagnose` distinguishes them (`camera_delay`).
@@ -27,14 +27,14 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 import scipy
 
-LATE_STD = 0.1  # s, half of the prior of camera_delay
-RATE_STD = 0.01  # of every hundred frames one is lost
-CRYSTAL_STD = 1e-4  # of two clocks in order, by data sheets of crystals
+DELAY_STD = 0.1  # s, half of the prior of camera_delay
+RATE_STD = 0.01  # one of every hundred frames is lost
+CRYSTAL_STD = 1e-4  # of two correct clocks, from data sheets of crystals
 ODDS_AGAINST = 5.0  # nats, that a clock is wrong: one in 150, as of a cause in the fusion
-STEP = 0.1  # s, of a central difference: in less the noise of readings looks like a change
-MOST_ROUNDS = 6  # of calibrations, each with better stamps
-FEWEST = 20  # frames, with which diagnosis looks at time
-CLOCK = 2  # unknowns: late, rate
+STEP = 0.1  # s, of a central difference; over less, noise of readings dominates
+MOST_ROUNDS = 6  # calibrations, each with corrected stamps
+FEWEST = 20  # frames, as for a diagnosis over time
+CLOCK = 2  # unknowns: delay, rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +46,7 @@ class CameraClock:
 
     name: str
     middle_ns: int
-    late: float
+    delay: float
     rate: float
     rate_std: float
 
@@ -68,7 +68,7 @@ class CameraClock:
         return Note(
             f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '
             f'{1e2 * self.rate_std:.1g} % from the pressure clock (halfway, frames are stamped '
-            f'{1e3 * self.late:.0f} ms late): {lost}? Using corrected times; stamp frames when '
+            f'{1e3 * self.delay:.0f} ms late): {lost}? Using corrected times; stamp frames when '
             'they are exposed',
             reason='other_clock',
         )
@@ -88,37 +88,37 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     for which, run in enumerate(posterior.runs):
         if run.static or len(run.stamp_ns) < FEWEST:
             continue
-        own = prior.size + prior.disturbances.of_run(which)
-        linear, places = last.runs[which], np.concatenate([np.arange(prior.size), own])
+        run_unknowns = prior.size + prior.disturbances.of_run(which)
+        linear, places = last.runs[which], np.concatenate([np.arange(prior.size), run_unknowns])
         white = linear.whitening(clock_jacobian(fit.arm, run, linear.jacobian.shape[1]))
         white = white.reshape(-1, CLOCK)
-        moved = linear.whitening(linear.jacobian).reshape(len(white), -1)
+        white_jacobian = linear.whitening(linear.jacobian).reshape(len(white), -1)
         timed.append(run)
         information.append(white.T @ white)
-        cross.append((white.T @ moved) @ prior.scale[places])
+        cross.append((white.T @ white_jacobian) @ prior.scale[places])
         score.append(white.T @ linear.white_residual.ravel())
     if not timed:
         return {}
     every = np.concatenate(cross)
-    others = np.linalg.solve(last.normal + np.eye(last.scaled.size), every.T)
-    size = np.tile([LATE_STD, RATE_STD], len(timed))
-    precision = scipy.linalg.block_diag(*information) - every @ others + np.diag(size**-2.0)
+    projection = np.linalg.solve(last.normal + np.eye(last.scaled.size), every.T)
+    size = np.tile([DELAY_STD, RATE_STD], len(timed))
+    precision = scipy.linalg.block_diag(*information) - every @ projection + np.diag(size**-2.0)
     covariance = np.linalg.inv(precision)
-    right = np.concatenate(score) - others.T @ (last.gradient - last.scaled)
-    found = (covariance @ right).reshape(-1, CLOCK)
+    reduced_score = np.concatenate(score) - projection.T @ (last.gradient - last.scaled)
+    found = (covariance @ reduced_score).reshape(-1, CLOCK)
     stds = np.sqrt(np.diag(covariance)).reshape(-1, CLOCK)
     clocks = [
         CameraClock(
             name=run.name,
             middle_ns=middle_of(run),
-            late=float(late),
+            delay=float(delay),
             rate=float(rate),
             rate_std=float(std),
         )
-        for run, (late, rate), (_, std) in zip(timed, found, stds, strict=True)
+        for run, (delay, rate), (_, std) in zip(timed, found, stds, strict=True)
     ]
-    surest = max(clock.evidence for clock in clocks)
-    return {one.name: one for one in clocks if one.evidence > max(0.5 * surest, 0.0)}
+    strongest = max(clock.evidence for clock in clocks)
+    return {one.name: one for one in clocks if one.evidence > max(0.5 * strongest, 0.0)}
 
 
 def confirms(retimed_fit: Fit, before: Fit) -> bool:
@@ -147,15 +147,15 @@ def velocities(arm: Arm, run: RecordingData) -> Array:
 
     They are from the readings just before and after each frame; zero if the arm has no shape.
     """
-    others = tuple(item for item in arm.effects if not item.frame_delay)
+    other_effects = tuple(item for item in arm.effects if not item.frame_delay)
     arms = [
-        replace(arm, effects=(*others, CameraDelay(delay=arm.frame_delay + side * STEP)))
+        replace(arm, effects=(*other_effects, CameraDelay(delay=arm.frame_delay + side * STEP)))
         for side in (0.0, 1.0, -1.0)
     ]
-    now, before, later = (inputs_of(one, [run])[0] for one in arms)
+    now, before, after = (inputs_of(one, [run])[0] for one in arms)
     model = ForwardModel(arm.target_arclength, run.points)
     model.solve(arm, now)
-    return np.nan_to_num(model.difference(arm, before, later) / (2.0 * STEP))
+    return np.nan_to_num(model.difference(arm, before, after) / (2.0 * STEP))
 
 
 def seconds_after(run: RecordingData, middle_ns: int) -> Array:
@@ -167,9 +167,9 @@ def retimed(run: RecordingData, clock: CameraClock | None) -> RecordingData:
     """Return a recording with frame stamps converted to the clock of the readings."""
     if clock is None:
         return run
-    late = clock.late + clock.rate * seconds_after(run, clock.middle_ns)
-    late = np.rint(NANOSECONDS_PER_SECOND * late)
-    stamps = run.stamp_ns - late.astype(np.int64)
+    delay = clock.delay + clock.rate * seconds_after(run, clock.middle_ns)
+    delay = np.rint(NANOSECONDS_PER_SECOND * delay)
+    stamps = run.stamp_ns - delay.astype(np.int64)
     load = run.load
     if run.wrench_stamp_ns is not None and run.wrench is not None and not run.load_known:
         load = run.wrench[match_stamps(stamps, run.wrench_stamp_ns, 0.0)[0]]
@@ -183,14 +183,14 @@ def retimed(run: RecordingData, clock: CameraClock | None) -> RecordingData:
     )
 
 
-def together(one: CameraClock | None, more: CameraClock) -> CameraClock:
+def combined_clock(corrected: CameraClock | None, correction: CameraClock) -> CameraClock:
     """Combine a corrected clock with a further correction."""
-    if one is None:
-        return more
-    apart = (one.middle_ns - more.middle_ns) / NANOSECONDS_PER_SECOND
+    if corrected is None:
+        return correction
+    interval = (corrected.middle_ns - correction.middle_ns) / NANOSECONDS_PER_SECOND
     return replace(
-        more,
-        middle_ns=one.middle_ns,
-        late=one.late + more.late + more.rate * apart,
-        rate=one.rate + more.rate,
+        correction,
+        middle_ns=corrected.middle_ns,
+        delay=corrected.delay + correction.delay + correction.rate * interval,
+        rate=corrected.rate + correction.rate,
     )

@@ -128,7 +128,7 @@ class FitSequence:
         self.frame = replace(self.frame, moment_law=law)
 
     @property
-    def wide(self) -> Hyperparameters:
+    def wide_prior(self) -> Hyperparameters:
         """The prior of kappa_p0 for any arm of this length."""
         experiments, length = self.settings.experiments, self.frame.length
         return Hyperparameters(
@@ -197,12 +197,12 @@ class FitSequence:
         lengthens.
         """
         resolution, frames = self.settings.resolution, self.settings.experiments.first_frames
-        scales = (self.wide.length_scale,) if self.uniform else HYPERPARAMETERS.length_scales
+        scales = (self.wide_prior.length_scale,) if self.uniform else HYPERPARAMETERS.length_scales
         rows = first_curvature(unloaded, self.frame, self.rows)
         start = np.repeat(rows, self.knots.size)
         if self.elongates is not None:
             start = np.append(start, np.zeros(elongation.SIZE))
-        first = self.fit('kappa_p0, search', unloaded, self.wide, start=start, most=frames)
+        first = self.fit('kappa_p0, search', unloaded, self.wide_prior, start=start, most=frames)
         tried = [first.parameters] if self.chosen else structures(first.parameters)
         best = most_likely_parameters(first, tried, resolution, scales)
         self.shapes, self.elongates, self.chosen = best.shapes, best.elongates, True
@@ -236,10 +236,10 @@ class FitSequence:
             return float(np.mean(np.log(errors + self.noise.noise.target_std**2)))
 
         decade = min(np.log10(STIFFNESS_FACTORS).tolist(), key=error)
-        near = scipy.optimize.minimize_scalar(
+        refined = scipy.optimize.minimize_scalar(
             error, bounds=(decade - 1.0, decade + 1.0), options={'xatol': SCANNED}
         )
-        best = decade if error(decade) <= near.fun else float(near.x)
+        best = decade if error(decade) <= refined.fun else float(refined.x)
         return float(self.first_stiffness * 10.0**best)
 
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
@@ -265,11 +265,11 @@ class FitSequence:
         first = self.law(LinearLaw.kind, self.likely_stiffness(runs, straight))
         experiments = self.settings.experiments
         search = self.fit(
-            'stiffness, search', runs, self.wide, first, most=experiments.first_frames
+            'stiffness, search', runs, self.wide_prior, first, most=experiments.first_frames
         )
         law = self.law(kind, float(search.values[-1]))
         start = np.concatenate([search.values[:-1], law.mean])
-        return self.fit('stiffness', runs, self.wide, law, start)
+        return self.fit('stiffness', runs, self.wide_prior, law, start)
 
     def joint(
         self,
@@ -374,7 +374,7 @@ class FitSequence:
                 f'{earlier.values.size}; recalibrate with all recordings',
                 reason='damaged',
             )
-        return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
+        return self.fit('all that is new', runs, self.wide_prior, law, earlier=earlier)
 
 
 def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None) -> Array:
@@ -387,12 +387,12 @@ def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None)
     model = ForwardModel(arm.target_arclength, run.points)
     (inputs,) = inputs_of(arm, [run])
     solved = model.solve(arm, inputs)
-    beside = run.points - model.points
+    residual = run.points - model.points
     if placement is not None:
         fields = model.fields
-        beside -= in_plane(paint(fields[:, THETA], fields[:, CURVATURE], placement).displacement)
-        if np.isfinite(beside[solved]).any(axis=(0, 2)).all():
-            beside -= np.nanmedian(beside[solved], axis=(0, 2), keepdims=True)
-    apart = np.nan_to_num(beside) ** 2
-    apart[~solved] = arm.length**2
-    return np.asarray(np.mean(apart, axis=(1, 2)))
+        residual -= in_plane(paint(fields[:, THETA], fields[:, CURVATURE], placement).displacement)
+        if np.isfinite(residual[solved]).any(axis=(0, 2)).all():
+            residual -= np.nanmedian(residual[solved], axis=(0, 2), keepdims=True)
+    squares = np.nan_to_num(residual) ** 2
+    squares[~solved] = arm.length**2
+    return np.asarray(np.mean(squares, axis=(1, 2)))

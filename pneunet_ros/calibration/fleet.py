@@ -100,7 +100,7 @@ class Fleet:
     def odd(self) -> tuple[int, ...]:
         """Indices of the outliers, the largest first."""
         order = np.argsort(self.log_chance, kind='stable').tolist()
-        return tuple(place for place in order if self.p_values[place] <= FLEET.level)
+        return tuple(index for index in order if self.p_values[index] <= FLEET.level)
 
     @property
     def deviations(self) -> Array:
@@ -117,11 +117,11 @@ class Fleet:
                 'in common are needed.'
             )
         if not self.odd:
-            furthest = int(np.nanargmin(self.p_values))
+            most_different = int(np.nanargmin(self.p_values))
             return (
                 f'No arm is odd: among {compared} alike arms, the most different one would be as '
-                f'far off as {self.names[furthest]} with probability '
-                f'{self.p_values[furthest]:.2g}.'
+                f'far off as {self.names[most_different]} with probability '
+                f'{self.p_values[most_different]:.2g}.'
             )
         count = f'{len(self.odd)} of {compared} arms {"is" if len(self.odd) == 1 else "are"} odd'
         return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
@@ -163,7 +163,7 @@ def arm_numbers(arm: Arm, pressure: float, *, loaded: bool) -> ArmNumbers:
     values = evaluate(arm, pressure, loaded)
     columns = [] if arm.covariance is None else arm.covariance.columns()
     moves = np.zeros((len(values), len(columns)))
-    for place, column in enumerate(columns):
+    for index, column in enumerate(columns):
         sides = [
             evaluate(
                 arm.with_changes({name: side * size for name, size in column.items()}),
@@ -172,7 +172,7 @@ def arm_numbers(arm: Arm, pressure: float, *, loaded: bool) -> ArmNumbers:
             )
             for side in (-0.5, 0.5)
         ]
-        moves[:, place] = [sides[1][number] - sides[0][number] for number in values]
+        moves[:, index] = [sides[1][number] - sides[0][number] for number in values]
     return ArmNumbers(values=values, covariance=moves @ moves.T)
 
 
@@ -246,11 +246,11 @@ def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int =
     compared = [which for which, item in enumerate(numbers) if counts[item] >= FLEET.fewest]
     if compared:
         some, errors = values[:, compared], covariance[:, compared][:, :, compared]
-        ((middle,), (whole,), (chance,)) = distances(some[None], errors)
-        furthest = np.sort(simulate_furthest(some, errors, middle, whole, seed))
-        below = np.searchsorted(furthest, chance, side='right')
-        p_values = np.where(np.isnan(chance), np.nan, (1.0 + below) / (1.0 + furthest.size))
-        center[compared], scatter[compared] = middle, np.sqrt(np.diagonal(whole))
+        ((middle,), (spread,), (chance,)) = distances(some[None], errors)
+        smallest = np.sort(simulate_smallest(some, errors, middle, spread, seed))
+        below = np.searchsorted(smallest, chance, side='right')
+        p_values = np.where(np.isnan(chance), np.nan, (1.0 + below) / (1.0 + smallest.size))
+        center[compared], scatter[compared] = middle, np.sqrt(np.diagonal(spread))
     return Fleet(
         names=tuple(arms),
         pressure=pressure,
@@ -269,11 +269,13 @@ def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Arr
     values = np.full((len(arms), len(numbers)), np.nan)
     covariance = np.zeros((len(arms), len(numbers), len(numbers)))
     for row, arm in enumerate(arms):
-        places = {number: place for place, number in enumerate(arm.values)}
-        here = [place for place, number in enumerate(numbers) if number in places]
-        there = [places[numbers[place]] for place in here]
-        values[row, here] = [arm.values[numbers[place]] for place in here]
-        covariance[row][np.ix_(here, here)] = arm.covariance[np.ix_(there, there)]
+        indices = {number: index for index, number in enumerate(arm.values)}
+        columns = [index for index, number in enumerate(numbers) if number in indices]
+        own_columns = [indices[numbers[index]] for index in columns]
+        values[row, columns] = [arm.values[numbers[index]] for index in columns]
+        covariance[row][np.ix_(columns, columns)] = arm.covariance[
+            np.ix_(own_columns, own_columns)
+        ]
     # Of numbers that are alike to the last digit, and have no error, a distance is still one.
     floor = (1e-9 * np.nanmax(np.abs(values), axis=0, initial=0.0)) ** 2 + 1e-300
     return values, covariance + np.diag(floor)
@@ -319,12 +321,12 @@ def deviations_and_precision(
     Both are zero for unknown numbers of an arm.
     """
     known = np.isfinite(values)
-    both = known[..., :, None] & known[..., None, :]
-    total = np.where(both, scatter[:, None] + covariance, np.eye(values.shape[2]))
+    both_known = known[..., :, None] & known[..., None, :]
+    total = np.where(both_known, scatter[:, None] + covariance, np.eye(values.shape[2]))
     scale = np.sqrt(np.diagonal(total, axis1=2, axis2=3))
     scale = scale[..., :, None] * scale[..., None, :]
-    whole = total / scale + 1e-9 * np.eye(values.shape[2])  # to be inverted, whatever it is
-    precision = np.where(both, np.linalg.inv(whole) / scale, 0.0)
+    correlation = total / scale + 1e-9 * np.eye(values.shape[2])  # to be inverted, whatever it is
+    precision = np.where(both_known, np.linalg.inv(correlation) / scale, 0.0)
     return np.where(known, values - center[:, None], 0.0), precision
 
 
@@ -389,8 +391,8 @@ def center_and_scatter(values: Array, variances: Array) -> tuple[Array, Array]:
             median = np.nanmedian(deviation / (square[:, None] + variances), axis=1)
             low = np.where(median > MEDIAN_SQUARE, square, low)
             high = np.where(median > MEDIAN_SQUARE, high, square)
-        enough = np.nanmedian(deviation / variances, axis=1) <= MEDIAN_SQUARE
-        square = np.where(enough, 0.0, square)
+        is_explained = np.nanmedian(deviation / variances, axis=1) <= MEDIAN_SQUARE
+        square = np.where(is_explained, 0.0, square)
     return center, np.sqrt(square)
 
 
@@ -398,34 +400,36 @@ def weighted_median(values: Array, weights: Array) -> Array:
     """Return the weighted median over arms, (fleets, n); NaN has no weight."""
     order = np.argsort(values, axis=1)
     sums = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
-    place = np.argmax(sums >= 0.5 * sums[:, -1:], axis=1)
+    index = np.argmax(sums >= 0.5 * sums[:, -1:], axis=1)
     ranked = np.take_along_axis(values, order, axis=1)
-    return np.take_along_axis(ranked, place[:, None], axis=1)[:, 0]
+    return np.take_along_axis(ranked, index[:, None], axis=1)[:, 0]
 
 
 def robust_correlation(standardized: Array) -> Array:
     """Return correlations (fleets, n, n) by the spread of sums and differences of numbers."""
     count = standardized.shape[2]
-    out = np.tile(np.eye(count), (standardized.shape[0], 1, 1))
+    correlation = np.tile(np.eye(count), (standardized.shape[0], 1, 1))
     for first in range(count):
         for second in range(first):
             a, b = standardized[..., first], standardized[..., second]
-            both = np.isfinite(a) & np.isfinite(b)
-            if np.count_nonzero(both[0]) < 3:
+            both_known = np.isfinite(a) & np.isfinite(b)
+            if np.count_nonzero(both_known[0]) < 3:
                 continue
-            together, apart = (
-                np.nanmedian(np.abs(np.where(both, side, np.nan)), axis=1) ** 2
+            spread_of_sum, spread_of_difference = (
+                np.nanmedian(np.abs(np.where(both_known, side, np.nan)), axis=1) ** 2
                 for side in (a + b, a - b)
             )
-            value = (together - apart) / np.maximum(together + apart, 1e-300)
-            out[:, first, second] = out[:, second, first] = value
-    sizes, vectors = np.linalg.eigh(out)
-    out = np.einsum('dij,dj,dkj->dik', vectors, np.maximum(sizes, 0.0), vectors)
-    scale = np.sqrt(np.maximum(np.diagonal(out, axis1=1, axis2=2), 1e-12))
-    return np.asarray(out / (scale[:, :, None] * scale[:, None, :]))
+            value = (spread_of_sum - spread_of_difference) / np.maximum(
+                spread_of_sum + spread_of_difference, 1e-300
+            )
+            correlation[:, first, second] = correlation[:, second, first] = value
+    sizes, vectors = np.linalg.eigh(correlation)
+    correlation = np.einsum('dij,dj,dkj->dik', vectors, np.maximum(sizes, 0.0), vectors)
+    scale = np.sqrt(np.maximum(np.diagonal(correlation, axis1=1, axis2=2), 1e-12))
+    return np.asarray(correlation / (scale[:, :, None] * scale[:, None, :]))
 
 
-def simulate_furthest(
+def simulate_smallest(
     values: Array, covariance: Array, center: Array, scatter: Array, seed: int
 ) -> Array:
     """Return the smallest log probability in each of many simulated fleets of equal arms.
@@ -435,13 +439,13 @@ def simulate_furthest(
     suggests.
     """
     random = np.random.default_rng([seed, values.shape[0]])
-    roots = [np.linalg.cholesky(rescued(one + scatter)) for one in covariance]
+    roots = [np.linalg.cholesky(with_jitter(one + scatter)) for one in covariance]
     normal = random.standard_normal((FLEET.draws, *values.shape))
     drawn = center + np.einsum('aij,daj->dai', np.array(roots), normal)
     drawn = np.where(np.isfinite(values), drawn, np.nan)
     return np.asarray(np.nanmin(distances(drawn, covariance)[2], axis=1))
 
 
-def rescued(covariance: Array) -> Array:
+def with_jitter(covariance: Array) -> Array:
     """Return a covariance adjusted by rounding errors so that it has a Cholesky factor."""
     return np.asarray(covariance + 1e-9 * np.diag(np.diag(covariance)))

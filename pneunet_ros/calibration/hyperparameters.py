@@ -33,8 +33,8 @@ def most_likely_parameters(
     known, cells = parameters.before_law, parameters.cells
     information, vector = first.information[:known, :known], first.information_vector[:known]
 
-    def evidence(trial: Parameters, further: Array | float = 0.0) -> float:
-        return log_evidence(trial.prior[:known, :known] + further, information, vector)
+    def evidence(trial: Parameters, added: Array | float = 0.0) -> float:
+        return log_evidence(trial.prior[:known, :known] + added, information, vector)
 
     smooth = [max(smoothnesses(first, one, length_scales), key=evidence) for one in tried]
     if len(smooth) == 1:

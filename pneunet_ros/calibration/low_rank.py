@@ -33,15 +33,15 @@ def low_rank(
     most -= guessed.shape[1]
     factor = covariance_root(fit.covariance)
     count = EXPERIMENTS.covariance_frames
-    moved = shape_jacobian(fit, count) @ factor
-    _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
+    shape_changes = shape_jacobian(fit, count) @ factor
+    _, sizes, directions = np.linalg.svd(shape_changes, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
-    columns = factor @ turned[:most].T / np.sqrt(share)
+    columns = factor @ directions[:most].T / np.sqrt(share)
     names, change = fit.parameters.quantities()
     low = ModelCovariance(
         quantities=names,
         factor=rounded(change @ np.hstack([columns, guessed])),
-        placement=placement_with(fit, factor, turned[:most], painted, guessed.shape[1]),
+        placement=placement_with(fit, factor, directions[:most], painted, guessed.shape[1]),
         guessed=guessed.shape[1],
     )
     return low, share
@@ -53,28 +53,28 @@ def covariance_root(covariance: Array) -> Array:
     Exactly known quantities get a variance of rounding size.
     """
     std = np.sqrt(np.diag(covariance))
-    size, along = np.linalg.eigh(covariance / std / std[:, None])
-    return np.asarray(std[:, None] * along * np.sqrt(np.maximum(size, ROUNDING)))
+    size, axes = np.linalg.eigh(covariance / std / std[:, None])
+    return np.asarray(std[:, None] * axes * np.sqrt(np.maximum(size, ROUNDING)))
 
 
 def placement_with(
-    fit: Fit, factor: Array, turned: Array, painted: int | None, guessed: int
+    fit: Fit, factor: Array, directions: Array, painted: int | None, guessed: int
 ) -> PlacementKnown:
     """Return the posterior of the placement, and its correlation with columns of the covariance.
 
-    factor (n, n): root of the covariance of the parameters; turned (columns, n): the columns, in
-    sigma of that root; guessed: number of extra columns, uncorrelated with the placement.
+    factor (n, n): root of the covariance of the parameters; directions (columns, n): the columns,
+    in sigma of that root; guessed: number of extra columns, uncorrelated with the placement.
     """
     targets, size = fit.placement.shape[1], fit.values.size
     kept = np.arange(2 * targets).reshape(2, targets)[:, :painted].ravel()
     shared = fit.shared_covariance
     cross = np.linalg.solve(factor, shared[:size, size + kept])
-    moved = (turned @ cross).T
-    left = np.diagonal(shared)[size + kept] - np.sum(moved**2, axis=1)
+    factor_of_placement = (directions @ cross).T
+    remaining_variance = np.diagonal(shared)[size + kept] - np.sum(factor_of_placement**2, axis=1)
     return PlacementKnown(
         mean=rounded(fit.placement.ravel()[kept]),
-        std=rounded(np.sqrt(np.maximum(left, 0.0))),
-        factor=rounded(np.pad(moved, ((0, 0), (0, guessed)))),
+        std=rounded(np.sqrt(np.maximum(remaining_variance, 0.0))),
+        factor=rounded(np.pad(factor_of_placement, ((0, 0), (0, guessed)))),
         origin=rounded(fit.origin),
     )
 

@@ -57,8 +57,8 @@ class ScaledPrior:
         if parameters.earlier is not None:
             earlier = parameters.earlier
             placement = self.size + np.arange(earlier.placement.size)
-            both = np.concatenate([np.arange(earlier.values.size), placement])
-            prior[np.ix_(both, both)] = earlier.covariance
+            indices = np.concatenate([np.arange(earlier.values.size), placement])
+            prior[np.ix_(indices, indices)] = earlier.covariance
             self.mean[placement] = earlier.placement
         self.scale = np.linalg.cholesky(prior)
 
@@ -116,24 +116,26 @@ class Posterior:
         self.models = [ForwardModel(targets, run.points) for run in runs]
         self.linearized: list[ForwardModel] = []
 
-    def cost(self, scaled: Array, around: LinearizedPosterior) -> float:
-        """Return the cost with the whitening of `around`; ModelError for invalid parameters."""
+    def cost(self, scaled: Array, linearized: LinearizedPosterior) -> float:
+        """Return the cost, whitened as `linearized`; ModelError for invalid parameters."""
         values, disturbance = self.prior.unscale(scaled)
         arm = self.parameters.arm(values)
         cost = 0.5 * float(scaled @ scaled)
         for which, inputs in enumerate(inputs_of(arm, self.runs)):
-            own = disturbance[self.prior.disturbances.of_run(which)]
+            run_unknowns = disturbance[self.prior.disturbances.of_run(which)]
             every = np.arange(len(inputs.pressure))
             self.models[which].start_from(self.linearized[which], every)
-            white = around.runs[which].residual_of(self.models[which], arm, inputs, own)
+            white = linearized.runs[which].residual_of(
+                self.models[which], arm, inputs, run_unknowns
+            )
             cost += 0.5 * float(np.sum(white**2))
         return cost
 
-    def linearize(self, scaled: Array, *, whole: bool = False) -> LinearizedPosterior:
+    def linearize(self, scaled: Array, *, keep_jacobians: bool = False) -> LinearizedPosterior:
         """Return the joint linearization of all runs at scaled unknowns.
 
-        whole: also keep the Jacobian of each frame, which needs too much memory for an hour of
-        film.
+        keep_jacobians: also keep the Jacobian of each frame, which needs too much memory for an
+        hour of film.
         """
         prior, size = self.prior, self.prior.size
         values, disturbance = prior.unscale(scaled)
@@ -141,22 +143,22 @@ class Posterior:
         cost, runs = 0.5 * float(scaled @ scaled), []
         all_inputs = inputs_of(self.parameters.arm(values), self.runs)
         for which, (run, inputs) in enumerate(zip(self.runs, all_inputs, strict=True)):
-            own = prior.disturbances.of_run(which)
+            run_unknowns = prior.disturbances.of_run(which)
             linear = linearize(
                 self.models[which],
                 self.parameters,
                 values,
-                disturbance[own],
+                disturbance[run_unknowns],
                 run,
                 inputs,
                 self.noise,
             )
-            places = np.concatenate([np.arange(size), size + own])
+            places = np.concatenate([np.arange(size), size + run_unknowns])
             white = linear.whitening(linear.jacobian).reshape(-1, places.size)
             normal[np.ix_(places, places)] += white.T @ white
             gradient[places] += white.T @ linear.white_residual.ravel()
             cost += 0.5 * float(linear.fitted.whitened.sum())
-            runs.append(linear if whole else replace(linear, jacobian=NONE, errors=NONE))
+            runs.append(linear if keep_jacobians else replace(linear, jacobian=NONE, errors=NONE))
         self.linearized = [
             model.subset(np.arange(len(run.x)))
             for model, run in zip(self.models, self.runs, strict=True)
@@ -276,4 +278,4 @@ def posterior_at(fit: Fit, noise: SensorNoise) -> tuple[Posterior, LinearizedPos
     posterior = Posterior(fit.parameters, runs, noise, targets)
     prior, values = posterior.prior, np.concatenate([fit.values, fit.disturbance])
     scaled = np.linalg.solve(prior.scale, values - prior.mean)
-    return posterior, posterior.linearize(scaled, whole=True)
+    return posterior, posterior.linearize(scaled, keep_jacobians=True)

@@ -113,8 +113,8 @@ class PiecewiseParameters(MomentLawParameters):
     @property
     def weights(self) -> Array:
         """Weights of the parameters of a section in the rows, (rows, 3)."""
-        up = (self.rows - self.low) / (self.high - self.low)
-        return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
+        upper = (self.rows - self.low) / (self.high - self.low)
+        return np.column_stack([1.0 - upper, upper, 4.0 * upper * (1.0 - upper)])
 
     @property
     def sections(self) -> int:
@@ -123,11 +123,11 @@ class PiecewiseParameters(MomentLawParameters):
 
     def scalings(self, values: Array) -> Array:
         """Return the derivatives of parameters (n,) by ln EI of each section, (n, sections)."""
-        out = np.zeros((values.size, 2))
+        scalings = np.zeros((values.size, 2))
         for section in range(2):
             rows = slice(3 * section, 3 * section + 3)
-            out[rows, section] = values[rows]
-        return out
+            scalings[rows, section] = values[rows]
+        return scalings
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -246,18 +246,18 @@ def slopes_at(parameters: MomentLawParameters, pressures: bytes) -> Array:
     """Return `MomentLawParameters.slopes` at pressures given as the bytes of an array."""
     pressure = np.frombuffer(pressures)
     sections, columns = (list(item) for item in zip(*parameters.columns, strict=True))
-    out = np.empty((pressure.size, len(columns), parameters.mean.size))
+    slopes = np.empty((pressure.size, len(columns), parameters.mean.size))
     for index in range(parameters.mean.size):
         step = 1e-3 * np.sqrt(parameters.prior[index, index])
         sides = []
         for sign in (-1.0, 1.0):
-            moved = parameters.mean.copy()
-            moved[index] += sign * step
-            law = parameters.law(moved)
+            shifted = parameters.mean.copy()
+            shifted[index] += sign * step
+            law = parameters.law(shifted)
             sides.append(law.sections(pressure, parameters.length, parameters.weight))
         slope = (sides[1] - sides[0]) / (2.0 * step)
-        out[:, :, index] = slope[:, sections, columns]
-    return frozen_array(out)
+        slopes[:, :, index] = slope[:, sections, columns]
+    return frozen_array(slopes)
 
 
 MOMENT_LAW_PARAMETERS: dict[str, type[MomentLawParameters]] = {

@@ -68,7 +68,7 @@ def estimate_noise(
     readings = readings_of(runs)
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
-            second_differences(quiet_series(series)),
+            second_differences(resting_series(series)),
             f'second differences of {name} readings in time',
         )
         for name, series in readings.items()
@@ -92,7 +92,7 @@ def estimate_noise(
     white = white if white is not None else assumed.target_std
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
-    alike, neighbors = likeness(runs, pressure_std)
+    correlated_targets, likeness = correlation_at_rest(runs, pressure_std)
     notes = []
     # Both components of a force are read by one sensor.
     forces = [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads_of(runs)]
@@ -112,8 +112,8 @@ def estimate_noise(
                 reason='coarse_steps',
             )
         )
-    if alike > 1.0 and found['target_std'][0] is not None:
-        factor = math.sqrt(alike)
+    if correlated_targets > 1.0 and found['target_std'][0] is not None:
+        factor = math.sqrt(correlated_targets)
         found['target_std'] = (
             factor * white,
             f'{found["target_std"][1]}, times {factor:.2g}: neighboring targets are correlated',
@@ -121,7 +121,7 @@ def estimate_noise(
         notes.append(
             Note(
                 'while the arm rests, the errors of neighboring targets are correlated '
-                f'({neighbors:.2f}), as with hot air, a curved window or lossy video. The noise '
+                f'({likeness:.2f}), as with hot air, a curved window or lossy video. The noise '
                 f'of each target is set to {factor:.2g} times the measured noise',
                 reason='alike_neighbors',
             )
@@ -130,8 +130,11 @@ def estimate_noise(
         placement(runs, arclength, white, assumed.placement_std),
         'distance of targets from a smooth curve while the arm is straightest',
     )
-    place, drift = camera(runs, arclength, white)
-    found['registration_std'] = place, 'motion of the target at the clamp, between recordings'
+    registration, drift = camera(runs, arclength, white)
+    found['registration_std'] = (
+        registration,
+        'motion of the target at the clamp, between recordings',
+    )
     found['drift_std'] = drift, 'motion of the target at the clamp, within recordings'
     noise, sources = assumed, {}
     for name, (std, sentence) in found.items():
@@ -157,12 +160,12 @@ def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
     A load component that is always zero was not measured.
     """
     components = [column for load in loads_of(runs) for column in enumerate(load.T)]
-    measured = [(place, values) for place, values in components if np.any(values)]
+    measured = [(index, values) for index, values in components if np.any(values)]
     headings = [run.heading for run in runs if run.heading is not None]
     return {
         'pressure': [run.pressure for run in runs],
-        'force': [values for place, values in measured if place < END_LOAD_MOMENT],
-        'moment': [values for place, values in measured if place == END_LOAD_MOMENT],
+        'force': [values for index, values in measured if index < END_LOAD_MOMENT],
+        'moment': [values for index, values in measured if index == END_LOAD_MOMENT],
         'heading': [np.unwrap(values[np.isfinite(values)]) for values in headings],
     }
 
@@ -172,7 +175,7 @@ def with_noise_of_readings(stated: SensorNoise, runs: Sequence[RecordingData]) -
     larger = {}
     for name, series in readings_of(in_time(runs)).items():
         key = f'{name}_std'
-        found = second_differences(quiet_series(series))
+        found = second_differences(resting_series(series))
         if name != 'heading' and found is not None and found > getattr(stated, key):
             larger[key] = found
     return replace(stated, **larger)
@@ -183,12 +186,12 @@ def with_places_uncertain(assumed: SensorNoise, arclength: Array) -> SensorNoise
 
     Many arm files say 0; if this were used, a stiffness would be wrong by many of its errors.
     """
-    way = float(arclength[-1]) if arclength.size else 0.0
+    length = float(arclength[-1]) if arclength.size else 0.0
     return replace(
         assumed,
-        placement_std=assumed.placement_std or NOISE_ESTIMATE.placement * way,
-        registration_std=assumed.registration_std or NOISE_ESTIMATE.registration * way,
-        drift_std=assumed.drift_std or NOISE_ESTIMATE.drift * way,
+        placement_std=assumed.placement_std or NOISE_ESTIMATE.placement * length,
+        registration_std=assumed.registration_std or NOISE_ESTIMATE.registration * length,
+        drift_std=assumed.drift_std or NOISE_ESTIMATE.drift * length,
     )
 
 
@@ -196,19 +199,19 @@ def differing_noise(
     noise: SensorNoise, assumed: SensorNoise, sources: Mapping[str, str]
 ) -> list[Note]:
     """Report estimated noise that differs from the assumed noise, and which one is used."""
-    said = []
+    differing = []
     for name, unit in STATED:
         found, stated = getattr(noise, name), getattr(assumed, name)
         if sources.get(name, ASSUMED) == ASSUMED or stated <= 0.0:
             continue
         if not 1.0 / NOISE_ESTIMATE.differs < found / stated < NOISE_ESTIMATE.differs:
-            said.append(f'{name} {found:.3g} {unit} instead of {stated:.3g} {unit}')
-    if not said:
+            differing.append(f'{name} {found:.3g} {unit} instead of {stated:.3g} {unit}')
+    if not differing:
         return []
     return [
         Note(
-            f'the noise of these recordings differs from the arm file: {"; ".join(said)}. The '
-            'measured values were used and are written to the model',
+            f'the noise of these recordings differs from the arm file: {"; ".join(differing)}. '
+            'The measured values were used and are written to the model',
             reason='other_noise',
         )
     ]
@@ -230,10 +233,10 @@ def grid_step(values: Array) -> float:
         return 0.0
     if float(np.mean(values[1:] == values[:-1])) < NOISE_ESTIMATE.repeats:
         return 0.0
-    apart = np.diff(levels)
-    step = float(np.median(apart[apart < 1.5 * apart.min()]))
-    whole = np.abs(apart / step - np.round(apart / step)) < NOISE_ESTIMATE.off_grid
-    return step if np.mean(whole) >= NOISE_ESTIMATE.on_grid else 0.0
+    gaps = np.diff(levels)
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    on_grid = np.abs(gaps / step - np.round(gaps / step)) < NOISE_ESTIMATE.off_grid
+    return step if np.mean(on_grid) >= NOISE_ESTIMATE.on_grid else 0.0
 
 
 def with_step(
@@ -270,7 +273,7 @@ def load_readings(run: RecordingData) -> Array:
     return load[np.any(load != 0.0, axis=1)]
 
 
-def quiet_series(series: Sequence[Array]) -> list[Array]:
+def resting_series(series: Sequence[Array]) -> list[Array]:
     """Return the series that show noise: in slow ones, changes between readings are motion."""
     stds = [second_differences([values]) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
@@ -338,7 +341,7 @@ def white_of_targets(runs: Sequence[RecordingData]) -> float | None:
     return clipped_std(residuals) / math.sqrt(6.0)
 
 
-def likeness(runs: Sequence[RecordingData], pressure_std: float) -> tuple[float, float]:
+def correlation_at_rest(runs: Sequence[RecordingData], pressure_std: float) -> tuple[float, float]:
     """Return the number of targets with a common error at rest, and the correlation of neighbors.
 
     The number is 1 if the errors are independent, or if too few frames rest (motion is correlated
@@ -355,12 +358,12 @@ def likeness(runs: Sequence[RecordingData], pressure_std: float) -> tuple[float,
     errors = errors[size[:, 0] > 0.0] / size[size[:, 0] > 0.0]
     if not errors.size:
         return 1.0, 0.0
-    apart = range(1, errors.shape[1] // 2)
-    correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) for k in apart]
-    if correlation[0] < NOISE_ESTIMATE.alike:
+    lags = range(1, errors.shape[1] // 2)
+    correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) for k in lags]
+    if correlation[0] < NOISE_ESTIMATE.correlated:
         return 1.0, correlation[0]
-    near = itertools.takewhile(lambda value: value > 0.0, correlation)
-    return 1.0 + 2.0 * sum(near), correlation[0]
+    positive = itertools.takewhile(lambda value: value > 0.0, correlation)
+    return 1.0 + 2.0 * sum(positive), correlation[0]
 
 
 def resting_differences(run: RecordingData, pressure_std: float) -> Array:
@@ -370,8 +373,10 @@ def resting_differences(run: RecordingData, pressure_std: float) -> Array:
     """
     change = np.abs(np.diff(run.frame_pressure)) < RESTS * pressure_std
     resting = change[1:] & change[:-1]
-    both = np.concatenate([np.diff(values, 2, axis=0)[resting] for values in (run.x, run.y)])
-    return np.asarray(both[np.isfinite(both).all(axis=1)])
+    differences = np.concatenate(
+        [np.diff(values, 2, axis=0)[resting] for values in (run.x, run.y)]
+    )
+    return np.asarray(differences[np.isfinite(differences).all(axis=1)])
 
 
 def placement(
@@ -413,28 +418,30 @@ def camera(
     """
     if arclength.size == 0 or arclength[0] > NOISE_ESTIMATE.at_clamp * arclength[-1]:
         return None, None
-    places, walked, own = [], [], []
+    means_of_runs, squared_steps, white_squares = [], [], []
     for run in runs:
-        here = np.column_stack([run.x[:, 0], run.y[:, 0]])
-        here = here[np.isfinite(here[:, 0])]
-        if len(here) < NOISE_ESTIMATE.fewest:
+        positions = np.column_stack([run.x[:, 0], run.y[:, 0]])
+        positions = positions[np.isfinite(positions[:, 0])]
+        if len(positions) < NOISE_ESTIMATE.fewest:
             continue
-        places.append(here.mean(axis=0))
-        blocks = np.array_split(here, NOISE_ESTIMATE.blocks)
+        means_of_runs.append(positions.mean(axis=0))
+        blocks = np.array_split(positions, NOISE_ESTIMATE.blocks)
         means = np.array([block.mean(axis=0) for block in blocks])
-        walked.append(np.diff(means, axis=0) ** 2)
-        own.append(2.0 * white**2 * NOISE_ESTIMATE.blocks / len(here))
-    if not walked:
+        squared_steps.append(np.diff(means, axis=0) ** 2)
+        white_squares.append(2.0 * white**2 * NOISE_ESTIMATE.blocks / len(positions))
+    if not squared_steps:
         return None, None
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
     # The median of both coordinates' squares, so that a base that slips once is not drift.
-    steps = np.concatenate([item.sum(axis=1) for item in walked])
+    steps = np.concatenate([item.sum(axis=1) for item in squared_steps])
     square = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO
     error = square / (MEDIAN_OF_TWO * math.sqrt(steps.size))
-    drift = math.sqrt(max(square - float(np.mean(own)), error) * 1.5 * NOISE_ESTIMATE.blocks)
-    if len(places) < 3:
+    drift = math.sqrt(
+        max(square - float(np.mean(white_squares)), error) * 1.5 * NOISE_ESTIMATE.blocks
+    )
+    if len(means_of_runs) < 3:
         return None, drift
     # The mean over a run of a walk that starts at zero has a third of the variance of its end.
-    spread = float(np.var(places, axis=0, ddof=1).mean())
-    error = spread / math.sqrt(len(places) - 1)
+    spread = float(np.var(means_of_runs, axis=0, ddof=1).mean())
+    error = spread / math.sqrt(len(means_of_runs) - 1)
     return math.sqrt(max(spread - drift**2 / 3.0, error)), drift

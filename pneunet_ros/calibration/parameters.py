@@ -209,20 +209,20 @@ class Parameters:
         """
         frames, knots = inputs.pressure.size, self.arclength.size
         columns = self.columns.tolist()
-        out = np.zeros((frames, 3 + knots + len(columns), values.size))
+        jacobian = np.zeros((frames, 3 + knots + len(columns), values.size))
         arm = self.arm(values)
         weights = inputs.row_weights(arm)
         for knot in range(knots):
-            out[:, 3 + knot, knot : self.cells : knots] = weights
+            jacobian[:, 3 + knot, knot : self.cells : knots] = weights
         lengthening = 3 + knots
         if self.law is not None:
             pressure = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
             lengthening += len(self.law.columns)
-            out[:, 3 + knots : lengthening, self.before_law :] = self.law.slopes(pressure)
+            jacobian[:, 3 + knots : lengthening, self.before_law :] = self.law.slopes(pressure)
         if self.elongates:
             slopes = elongation.slopes(inputs.pressure)
-            out[:, lengthening:, self.cells : self.before_law] = slopes[:, None]
-        return out
+            jacobian[:, lengthening:, self.cells : self.before_law] = slopes[:, None]
+        return jacobian
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
         """Return dotted names of the model's numbers and their change per parameter."""

@@ -76,11 +76,11 @@ class Fit:
         """Return the fit with errors (parameters, errors) added to its covariance."""
         if not errors.size:
             return self
-        further, shared = errors @ errors.T, self.shared_covariance.copy()
-        size = len(further)
-        shared[:size, :size] += further
+        added, shared = errors @ errors.T, self.shared_covariance.copy()
+        size = len(added)
+        shared[:size, :size] += added
         return replace(
             self,
-            covariance=frozen_array(self.covariance + further),
+            covariance=frozen_array(self.covariance + added),
             shared_covariance=frozen_array(shared),
         )

@@ -139,7 +139,7 @@ class NoiseEstimateSettings:
     differs: float = tuning(
         2.5, 'ratio to the stated noise from which a difference is reported', source='invented'
     )
-    alike: float = tuning(
+    correlated: float = tuning(
         0.3,
         'correlation of neighboring targets at rest that counts as common noise',
         source='invented',
@@ -154,7 +154,7 @@ class ResolutionSettings:
     """Resolution of recordings, and the prior for everything that they do not resolve."""
 
     knots: int = tuning(11, 'most knots of kappa_p0 along the arm')
-    apart: float = tuning(
+    resolved_gap: float = tuning(
         0.05, 'distance between targets that resolve two features', unit='length'
     )
     noise_span: float = tuning(

@@ -51,7 +51,10 @@ def target_row(fit: Fit) -> TargetRow:
     covariance = variance - gain @ shifts @ variance + gain @ known @ gain.T
     spacing, offset = (gain @ fit.placement.ravel()).tolist()
     spacing_std, offset_std = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-    way = float(arclength[-1])
+    length = float(arclength[-1])
     return TargetRow(
-        offset=way * offset, offset_std=way * offset_std, spacing=spacing, spacing_std=spacing_std
+        offset=length * offset,
+        offset_std=length * offset_std,
+        spacing=spacing,
+        spacing_std=spacing_std,
     )

@@ -66,7 +66,7 @@ def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndFo
     converged, covariance = np.zeros(frames, dtype=bool), np.full((frames, 2, 2), np.nan)
     active = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
     errors = np.zeros((0, seen.shape[1], 0))
-    taken, before = np.ones(frames), np.zeros((frames, 2))
+    factors, previous_step = np.ones(frames), np.zeros((frames, 2))
     largest_sigma = TIP_FORCE.largest_sigma * arm.weight
     for count in range(MOST_STEPS):
         if active.size == 0:
@@ -82,7 +82,7 @@ def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndFo
         jacobian = whitening(model.load_jacobian(arm, now)[:, :, :2])
         transposed = jacobian.transpose(0, 2, 1)
         normal = np.matmul(transposed, jacobian)
-        # Where points do not move at all; such a force is not determined.
+        # Invertible even if no point moves; such a force is not determined.
         normal[:, [0, 1], [0, 1]] += 0.01 / largest_sigma**2
         covariance[active] = np.linalg.inv(normal)
         gradient = np.matmul(transposed, whitening(residual))
@@ -90,31 +90,31 @@ def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndFo
         size = np.sqrt(np.einsum('fi,fij,fj->f', step, normal, step))
         largest = np.maximum(np.abs(step).max(axis=1), 1e-12 * arm.weight)
         share = np.minimum(
-            relaxation(step, before[active], taken[active]),
+            relaxation(step, previous_step[active], factors[active]),
             TIP_FORCE.largest_step * arm.weight / largest,
         )
         loads[active, :2] += share[:, None] * step
-        taken[active], before[active] = share, step
-        # Beyond buckling another equilibrium fits as well: the force is not unique there.
+        factors[active], previous_step[active] = share, step
+        # Beyond buckling the force is not unique: another equilibrium fits as well.
         converged[active] = solved & model.stable & (size < SMALL_STEP)
-        left = np.flatnonzero(solved & (size >= SMALL_STEP))
-        active, model, errors = active[left], model.subset(left), errors[left]
+        unconverged = np.flatnonzero(solved & (size >= SMALL_STEP))
+        active, model, errors = active[unconverged], model.subset(unconverged), errors[unconverged]
     covariance[~converged] = np.nan
     determined = np.diagonal(covariance, axis1=1, axis2=2) < largest_sigma**2
     covariance = np.where(determined[:, :, None] & determined[:, None, :], covariance, np.nan)
     return EndForces(force=np.where(determined, loads[:, :2], np.nan), covariance=covariance)
 
 
-def relaxation(step: Array, before: Array, taken: Array) -> Array:
+def relaxation(step: Array, previous_step: Array, factors: Array) -> Array:
     """Return the relaxation factor of each step (frames, 2).
 
-    before: the previous steps, of which the shares `taken` were used. If a model misses the
+    previous_step: of which the shares `factors` were used. If a model misses the
     targets by much more than noise, full steps oscillate around the best force or diverge.
 
     Source: Irons and Tuck, Int. J. Numer. Methods Eng. 1 (1969).
     """
-    change = before - step
-    along, size = np.sum(before * change, axis=1), np.sum(change**2, axis=1)
-    known = before.any(axis=1) & (size > 0.0)
-    share: Array = np.divide(taken * along, size, out=np.ones(len(step)), where=known)
+    change = previous_step - step
+    projection, size = np.sum(previous_step * change, axis=1), np.sum(change**2, axis=1)
+    known = previous_step.any(axis=1) & (size > 0.0)
+    share: Array = np.divide(factors * projection, size, out=np.ones(len(step)), where=known)
     return np.clip(share, LEAST_SHARE, 1.0)

@@ -9,9 +9,9 @@ from pneunet_ros.calibration import calibration
 from pneunet_ros.calibration.camera_clock import (
     camera_clocks,
     CameraClock,
+    combined_clock,
     retimed,
     seconds_after,
-    together,
 )
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.result import Fit
@@ -26,10 +26,10 @@ def drifting(which: int, late: float, rate: float) -> tuple[Fit, CameraClock]:
     fit = base()
     run = fit.runs[which].run
     middle_ns = int(run.stamp_ns[0] + run.stamp_ns[-1]) // 2
-    clock = CameraClock(name=run.name, middle_ns=middle_ns, late=late, rate=rate, rate_std=1e-4)
+    clock = CameraClock(name=run.name, middle_ns=middle_ns, delay=late, rate=rate, rate_std=1e-4)
     runs = list(fit.runs)
     # Stamped late is corrected by what stamps it early.
-    runs[which] = replace(runs[which], run=retimed(run, replace(clock, late=-late, rate=-rate)))
+    runs[which] = replace(runs[which], run=retimed(run, replace(clock, delay=-late, rate=-rate)))
     return replace(fit, runs=tuple(runs)), clock
 
 
@@ -45,7 +45,7 @@ def test_a_clock_that_goes_slow_is_found_beside_the_others(late, rate):
     one = found[clock.name]
     assert one.rate == pytest.approx(rate, abs=4.0 * one.rate_std)
     assert one.rate_std < 0.5 * abs(rate)
-    assert one.late == pytest.approx(late, abs=0.01)
+    assert one.delay == pytest.approx(late, abs=0.01)
     assert one.evidence > 1.0
     assert ('lost' in one.sentence) == (rate < 0.0)
 
@@ -63,17 +63,17 @@ def test_corrected_stamps_are_those_of_the_readings():
     )
     assert np.abs(again.reading - run.reading).max() <= 1
     assert retimed(wrong, None) is wrong
-    later = replace(clock, middle_ns=clock.middle_ns + 10**9, late=0.001, rate=1e-3)
-    both = together(clock, later)
+    later = replace(clock, middle_ns=clock.middle_ns + 10**9, delay=0.001, rate=1e-3)
+    both = combined_clock(clock, later)
     assert both.rate == pytest.approx(clock.rate + 1e-3)
     time = seconds_after(run, clock.middle_ns)
-    apart = clock.late + clock.rate * time + 0.001 + 1e-3 * (time - 1.0)
-    assert both.late + both.rate * time == pytest.approx(apart)
+    apart = clock.delay + clock.rate * time + 0.001 + 1e-3 * (time - 1.0)
+    assert both.delay + both.rate * time == pytest.approx(apart)
 
 
 @pytest.mark.parametrize('rate, is_wrong', [(5e-4, False), (-2e-4, False), (-2e-3, True)])
 def test_a_clock_is_wrong_where_that_of_a_crystal_would_not_be(rate, is_wrong):
-    clock = CameraClock(name='film', middle_ns=0, late=0.0, rate=rate, rate_std=1e-4)
+    clock = CameraClock(name='film', middle_ns=0, delay=0.0, rate=rate, rate_std=1e-4)
     assert (clock.evidence > 0.0) == is_wrong
 
 
@@ -82,7 +82,7 @@ class Found:
     """What `calibrate` looks at in a calibration by some stamps."""
 
     joint: Fit
-    late: float
+    delay: float
     noise: NoiseEstimate
     motion: None = None
     notes: tuple[str, ...] = ()
@@ -107,7 +107,7 @@ def test_stamps_are_corrected_where_that_makes_the_fit_more_probable(
         'calibrate_as_stamped',
         lambda unloaded, loaded, frame, **_: Found(
             joint=fits.pop(0),
-            late=float(np.mean(unloaded[0].stamp_ns - runs[0].stamp_ns)),
+            delay=float(np.mean(unloaded[0].stamp_ns - runs[0].stamp_ns)),
             noise=NoiseEstimate(noise=noise(), sources={}),
         ),
     )
@@ -116,4 +116,4 @@ def test_stamps_are_corrected_where_that_makes_the_fit_more_probable(
     )
     found = calibration.calibrate(runs, [], fit.arm)
     assert [note.reason for note in found.notes] == ['other_clock'] * (corrected > 0)
-    assert found.late == pytest.approx(-0.02e9 * corrected, abs=1e6)  # ns
+    assert found.delay == pytest.approx(-0.02e9 * corrected, abs=1e6)  # ns

@@ -8,8 +8,8 @@ import numpy as np
 from pneunet_ros.calibration.noise_estimate import ASSUMED as NOT_OBSERVED
 from pneunet_ros.calibration.noise_estimate import (
     estimate_noise,
-    quiet_series,
     resolution_of,
+    resting_series,
     second_differences,
 )
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE
@@ -203,12 +203,12 @@ def test_readings_that_follow_a_restless_pressure_are_not_taken_for_noise():
     still = [60.0 * random.standard_normal(160) for _ in range(2)]
     moving = [2e3 * random.standard_normal(160) for _ in range(4)]
     assert second_differences([*still, *moving]) > 150.0
-    found = second_differences(quiet_series([*still, *moving]))
+    found = second_differences(resting_series([*still, *moving]))
     assert found == pytest.approx(second_differences(still)) == pytest.approx(60.0, rel=0.15)
     # Where none moves, all are used.
     alike = [60.0 * random.standard_normal(160) for _ in range(6)]
-    assert len(quiet_series(alike)) == 6
-    assert quiet_series([np.arange(30.0)]) != []
+    assert len(resting_series(alike)) == 6
+    assert resting_series([np.arange(30.0)]) != []
 
 
 def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():

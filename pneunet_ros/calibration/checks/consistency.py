@@ -25,11 +25,11 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     sensor, so frames after a rest are compared if there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
-    past = [tip_distance(run, run, top) for run in unloaded]
-    seen = [item for item in past if item is not None]
+    self_distances = [tip_distance(run, run, top) for run in unloaded]
+    known = [item for item in self_distances if item is not None]
     limit = CONSISTENCY.two_arms_unknown * length
-    if seen:
-        limit = max(CONSISTENCY.two_arms * length, CONSISTENCY.times_past * max(seen))
+    if known:
+        limit = max(CONSISTENCY.two_arms * length, CONSISTENCY.times_past * max(known))
     for one, other in itertools.combinations(unloaded, 2):
         distance = tip_distance(one, other, top)
         if distance is not None and distance > limit:
@@ -52,16 +52,18 @@ def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float 
     rested = [has_rested(run, top) for run in (one, other)]
     found, resting = list[Array](), list[npt.NDArray[np.bool_]]()
     for frame in range(len(one.stamp_ns)):  # all pairs at once do not fit into the memory
-        same = np.abs(other.frame_pressure - one.frame_pressure[frame])
-        pairs = same < CONSISTENCY.same_pressure * top
+        pressure_change = np.abs(other.frame_pressure - one.frame_pressure[frame])
+        pairs = pressure_change < CONSISTENCY.same_pressure * top
         if one is other:
             pairs &= np.abs(one.progress - one.progress[frame]) > CONSISTENCY.another_time
         distance = np.hypot(*(first[:, frame, None] - second))
         pairs &= np.isfinite(distance)
         found.append(distance[pairs])
         resting.append(rested[0][frame] & rested[1][pairs])
-    distance, still = np.concatenate(found), np.concatenate(resting)
-    distance = distance[still] if still.sum() >= CONSISTENCY.fewest_pairs else distance
+    distance, resting_pair = np.concatenate(found), np.concatenate(resting)
+    distance = (
+        distance[resting_pair] if resting_pair.sum() >= CONSISTENCY.fewest_pairs else distance
+    )
     return (
         float(np.percentile(distance, 90.0)) if distance.size >= CONSISTENCY.fewest_pairs else None
     )
@@ -80,11 +82,13 @@ def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
         round(seconds * NANOSECONDS_PER_SECOND)
         for seconds in (CONSISTENCY.rest, CONSISTENCY.clocks)
     )
-    began, ended = (
+    first, last = (
         np.searchsorted(stamps, stamps - before),
         np.searchsorted(stamps, stamps + after),
     )
-    swing = [np.ptp(run.pressure[began[at] : max(ended[at], at + 1)]) for at in run.reading]
+    swing = [
+        np.ptp(run.pressure[first[index] : max(last[index], index + 1)]) for index in run.reading
+    ]
     shown = stamps[run.reading]
     known = (shown - stamps[0] >= before) & (stamps[-1] - shown >= after)
     rested: npt.NDArray[np.bool_] = known & (
@@ -128,15 +132,18 @@ def misfit_of_few(fit: Fit) -> Note | None:
     """Return a note if only a few frames misfit; None if more do, or none."""
     counts = [run.dof > 0 for run in fit.runs]
     whitened, dof = (
-        np.concatenate([values[here] for values, here in zip(parts, counts, strict=True)])
+        np.concatenate([values[counted] for values, counted in zip(parts, counts, strict=True)])
         for parts in ([run.whitened for run in fit.runs], [run.dof for run in fit.runs])
     )
     worst = np.argsort(-whitened / dof)[: round(CONSISTENCY.few_frames * dof.size)]
     missed = worst[whitened[worst] > CONSISTENCY.misfit * dof[worst]]
-    others = np.delete(np.arange(dof.size), worst)
-    if not missed.size or whitened[others].sum() > CONSISTENCY.others_fit * dof[others].sum():
+    remaining = np.delete(np.arange(dof.size), worst)
+    if (
+        not missed.size
+        or whitened[remaining].sum() > CONSISTENCY.others_fit * dof[remaining].sum()
+    ):
         return None
-    run_of = np.repeat(np.arange(len(fit.runs)), [int(here.sum()) for here in counts])
+    run_of = np.repeat(np.arange(len(fit.runs)), [int(counted.sum()) for counted in counts])
     where = ', '.join(
         f'{count} of {fit.runs[which].run.name}'
         for which, count in zip(*np.unique(run_of[missed], return_counts=True), strict=True)
@@ -180,14 +187,14 @@ def outlier_recordings(fit: Fit) -> list[Note]:
     chi = np.array([typical_chi_squared(item) for item in fit.runs])
     notes = []
     for which, item in enumerate(fit.runs):
-        others = np.delete(chi, which)
-        if others.size and chi[which] > max(
-            CONSISTENCY.outlier, CONSISTENCY.times_others * float(np.median(others))
+        rest = np.delete(chi, which)
+        if rest.size and chi[which] > max(
+            CONSISTENCY.outlier, CONSISTENCY.times_others * float(np.median(rest))
         ):
             notes.append(
                 Note(
                     f'{item.run.name} does not fit the others: its chi squared per coordinate is '
-                    f'{chi[which]:.3g}, that of the others is {np.median(others):.3g}. Is it of '
+                    f'{chi[which]:.3g}, that of the others is {np.median(rest):.3g}. Is it of '
                     'the same arm, with the same sensors?',
                     reason='outlier',
                 )

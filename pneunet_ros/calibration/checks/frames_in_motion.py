@@ -31,20 +31,20 @@ from pneunet_ros.model.arm import Arm
 Flags = npt.NDArray[np.bool_]
 Columns = Callable[[Array], Array]  # times (windows, frames) s -> (windows, frames, NUMBERS)
 
-WAYS = 2  # shapes in which targets move: the tip goes along a curve
-NUMBERS = 4  # of a vibration about a line, and of each smooth way
+DIRECTIONS = 2  # of target motion: the tip moves along a curve
+NUMBERS = 4  # coefficients of a vibration about a line, and of each smooth motion
 FEWEST = NUMBERS + 3  # frames in a window
-PERIODS = 1.5  # in a window in which a vibration is sought: no cubic follows so much of one
-FREQUENCIES = 48  # that are tried
-RATIOS = (0.02, 0.05, 0.1, 0.2)  # of damping to the critical one, that are tried
+PERIODS = 1.5  # per window of the search: no cubic can follow so much of a vibration
+FREQUENCIES = 48  # tried
+RATIOS = (0.02, 0.05, 0.1, 0.2)  # damping ratios, tried
 # Stiffness of the softest arm, of that (alpha) where a search for it begins: such an arm would
 # bend under its own weight, in the plane, by 25 times its length if it stayed linear.
 SOFTEST = 0.1
 CANTILEVER = 3.516  # frequency of its first mode, of sqrt(B / (m l^3))
-# Of two decays, in windows: of an arm that creeps, or follows its pressure late.
+# Time constants of two decays, in windows: an arm that creeps, or lags behind its pressure.
 DECAYS = ((0.05, 0.2), (0.1, 0.4), (0.2, 0.8), (0.4, 1.6))
-MOST_WINDOWS = 500  # of a recording in which a vibration is sought, or that are fitted at once
-GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 of 2 x WAYS
+MOST_WINDOWS = 500  # searched for a vibration per recording, and fitted at once
+GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 of 2 x DIRECTIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,17 +121,17 @@ class FramesInMotion:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Course:
+class TargetMotion:
     """Motion of the targets of a recording.
 
-    frame, time (s) and way (m), (n,), (n,) and (n, WAYS): each way is a unit vector of target
-    motion, with tip (WAYS, 2) its part for the last target. drives (n, any): pressure and load,
-    which move the arm, each over its noise.
+    frame (n,), time (n,) s and coordinates (n, DIRECTIONS) m along unit vectors of target motion,
+    with tip (DIRECTIONS, 2) their components for the last target. drives (n, any): pressure and
+    load, which move the arm, each over its noise.
     """
 
     frame: npt.NDArray[np.int64]
     time: Array
-    way: Array
+    coordinates: Array
     tip: Array
     drives: Array
 
@@ -143,9 +143,9 @@ class Course:
     def windows(self, seconds: float) -> npt.NDArray[np.int64]:
         """Return the frame indices (windows, frames) of every gapless window of this duration."""
         frames = max(FEWEST, round(seconds / self.period) + 1)
-        places = np.arange(max(self.time.size - frames + 1, 0))[:, None] + np.arange(frames)
-        spans = self.time[places[:, -1]] - self.time[places[:, 0]]
-        return np.asarray(places[spans < (frames - 0.5) * self.period])
+        indices = np.arange(max(self.time.size - frames + 1, 0))[:, None] + np.arange(frames)
+        spans = self.time[indices[:, -1]] - self.time[indices[:, 0]]
+        return np.asarray(indices[spans < (frames - 0.5) * self.period])
 
 
 def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
@@ -155,16 +155,16 @@ def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion 
     period of a soft arm from above.
     """
     slowest = slowest_period(arm.length)
-    courses = [course_of(run) for run in runs]
+    courses = [motion_of(run) for run in runs]
     common = vibration_of([course for course in courses if course is not None], slowest)
     if common is None:
         return None
     noise = white_of_targets([run for run in runs if not run.static]) or 0.0
     moving = [np.zeros(len(run.stamp_ns), np.bool_) for run in runs]
     for flags, course in zip(moving, courses, strict=True):
-        if course is not None:  # a load changes how it swings
-            own = vibration_of([course], slowest) or common
-            flags[course.frame] = ~at_rest(course, own, noise)
+        if course is not None:  # a load changes the vibration
+            vibration = vibration_of([course], slowest) or common
+            flags[course.frame] = ~at_rest(course, vibration, noise)
     if not any(flags.any() for flags in moving):
         return None
     return FramesInMotion(moving=tuple(moving), vibration=common)
@@ -199,12 +199,12 @@ def checked_at_rest(
     without its load is left out as well.
     """
 
-    def check(free: Sequence[RecordingData], pulled: Sequence[RecordingData]) -> None:
-        few = thinned([*free, *pulled], settings.experiments.most_frames)
-        check_runs(few[: len(free)], few[len(free) :], arm, first=first, settings=settings)
+    def check(unloaded: Sequence[RecordingData], loaded: Sequence[RecordingData]) -> None:
+        few = thinned([*unloaded, *loaded], settings.experiments.most_frames)
+        check_runs(few[: len(unloaded)], few[len(unloaded) :], arm, first=first, settings=settings)
 
     kept, motion = without_motion(arm, unloaded, loaded)
-    if motion is not None:  # what rests before its load is there shows none
+    if motion is not None:  # frames at rest may all be from before the load
         idle = {run.name for run in loaded if run.is_idle(arm.sensors)}
         kept[1] = [one for one in kept[1] if one.name in idle or not one.is_idle(arm.sensors)]
     try:
@@ -219,7 +219,7 @@ def checked_at_rest(
     return kept[0], kept[1], motion
 
 
-def course_of(run: RecordingData) -> Course | None:
+def motion_of(run: RecordingData) -> TargetMotion | None:
     """Return the motion of the targets of a recording; None if it is too short."""
     often = run.seen.mean(axis=0) > 0.5
     if run.static or not often.any():
@@ -228,24 +228,27 @@ def course_of(run: RecordingData) -> Course | None:
     known = np.isfinite(points).mean(axis=1) > 0.5
     if np.count_nonzero(known) < 2 * FEWEST:
         return None
-    beside = points[known] - np.nanmedian(points, axis=0)
-    ways = np.linalg.svd(np.nan_to_num(np.diff(beside, axis=0)), full_matrices=False)[2][:WAYS]
-    way = np.nan_to_num(beside) @ ways.T
-    for frame in np.flatnonzero(~np.isfinite(beside).all(axis=1)):
-        seen = np.isfinite(beside[frame])
-        way[frame], *_ = np.linalg.lstsq(ways[:, seen].T, beside[frame, seen], rcond=None)
+    displacement = points[known] - np.nanmedian(points, axis=0)
+    steps = np.nan_to_num(np.diff(displacement, axis=0))
+    directions = np.linalg.svd(steps, full_matrices=False)[2][:DIRECTIONS]
+    coordinates = np.nan_to_num(displacement) @ directions.T
+    for frame in np.flatnonzero(~np.isfinite(displacement).all(axis=1)):
+        seen = np.isfinite(displacement[frame])
+        coordinates[frame], *_ = np.linalg.lstsq(
+            directions[:, seen].T, displacement[frame, seen], rcond=None
+        )
     shown = run.at_instants(0.0)  # a step begins between two readings
     drives = [shown.frame_pressure, *(shown.load.T if run.loaded and not run.load_known else ())]
-    return Course(
+    return TargetMotion(
         frame=np.flatnonzero(known),
         time=freeze((run.instants[known] - run.instants[0]) / NANOSECONDS_PER_SECOND),
-        way=freeze(way),
-        tip=freeze(ways.reshape(WAYS, 2, -1)[:, :, -1]),
-        drives=freeze(np.column_stack([over_noise(values[known]) for values in drives])),
+        coordinates=freeze(coordinates),
+        tip=freeze(directions.reshape(DIRECTIONS, 2, -1)[:, :, -1]),
+        drives=freeze(np.column_stack([in_noise_units(values[known]) for values in drives])),
     )
 
 
-def over_noise(values: Array) -> Array:
+def in_noise_units(values: Array) -> Array:
     """Return readings (n,) in units of their white noise, or of their resolution."""
     changes = np.abs(np.diff(values))
     noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
@@ -260,7 +263,7 @@ def slowest_period(length: float) -> float:
     return 2.0 * math.pi / (CANTILEVER * math.sqrt(alpha * STANDARD_GRAVITY / length))
 
 
-def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
+def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration | None:
     """Return the vibration shown by the courses; None if smooth motions explain them as well.
 
     slowest (s): the longest period of a swing.
@@ -280,19 +283,19 @@ def vibration_of(courses: Sequence[Course], slowest: float) -> Vibration | None:
     }
     found = []
     for seconds, group in tried.items():
-        straight = straight_windows(courses, seconds)
-        count = sum(len(one.time) for one in straight)
-        gains = gains_of(straight, group)
+        windows = linear_windows(courses, seconds)
+        count = sum(len(one.time) for one in windows)
+        gains = gains_of(windows, group)
         found += [(gain, count, one) for gain, one in zip(gains, group, strict=True)]
-    gain, windows, best = max(found, key=lambda item: item[0])
+    gain, count, best = max(found, key=lambda item: item[0])
     by_noise = -NormalDist().inv_cdf(IDLE_SENSOR.chance / len(found)) * GAIN_STD
-    if not gain > by_noise * math.sqrt(windows):
+    if not gain > by_noise * math.sqrt(count):
         return None
     vibration = refined(courses, best)
     return vibration if vibration.rate <= RATIOS[-1] * vibration.frequency else None
 
 
-def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
+def refined(courses: Sequence[TargetMotion], first: Vibration) -> Vibration:
     """Return the local optimum of a vibration over the same windows."""
     from scipy.optimize import minimize  # slow to import, and few arms swing
 
@@ -301,7 +304,7 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
         return Vibration(frequency=frequency, rate=rate)
 
     start = np.log([first.frequency, first.rate])
-    windows = straight_windows(courses, PERIODS * first.period)
+    windows = linear_windows(courses, PERIODS * first.period)
     found = minimize(
         lambda numbers: -gains_of(windows, [vibration(numbers)])[0],
         start,
@@ -312,38 +315,43 @@ def refined(courses: Sequence[Course], first: Vibration) -> Vibration:
 
 
 class Windows(NamedTuple):
-    """Windows of a course in which pressure and load are linear: times, targets, freedom.
+    """Windows of a course in which pressure and load are linear.
 
-    smooth (ways, windows): the sum of squared residuals of each smooth motion.
+    time (windows, frames) s. coordinates (windows, frames, DIRECTIONS) m. freedom: degrees of
+    freedom of the residuals of a window. smooth_squares (motions, windows): the sum of squared
+    residuals of each smooth motion.
     """
 
     time: Array
-    way: Array
+    coordinates: Array
     freedom: int
-    smooth: Array
+    smooth_squares: Array
 
-    def left(self, ways: Iterable[Columns]) -> Array:
-        """Return the sum of squared residuals (ways, windows) of each motion."""
-        left = [np.sum(left_of(way(self.time), self.way) ** 2, axis=(1, 2)) for way in ways]
-        return np.array(left) + np.finfo(float).tiny
+    def squares_of(self, motions: Iterable[Columns]) -> Array:
+        """Return the sum of squared residuals (motions, windows) of each motion."""
+        squares = [
+            np.sum(residual_of(columns(self.time), self.coordinates) ** 2, axis=(1, 2))
+            for columns in motions
+        ]
+        return np.array(squares) + np.finfo(float).tiny
 
 
-def straight_windows(courses: Sequence[Course], seconds: float) -> list[Windows]:
+def linear_windows(courses: Sequence[TargetMotion], seconds: float) -> list[Windows]:
     """Return the windows (s long) of each course in which pressure and load are linear."""
-    found, smooth = [], smooth_ways(seconds)
+    found, smooth = [], smooth_motions(seconds)
     for course in courses:
-        places = course.windows(seconds)
-        if not len(places):
+        indices = course.windows(seconds)
+        if not len(indices):
             continue
-        places = places[:: max(places.shape[1] // 2, len(places) // MOST_WINDOWS, 1)]
-        time = course.time[places] - course.time[places[:, :1]]
+        indices = indices[:: max(indices.shape[1] // 2, len(indices) // MOST_WINDOWS, 1)]
+        time = course.time[indices] - course.time[indices[:, :1]]
         line = np.stack([np.ones_like(time), time / seconds], axis=-1)
-        beside = np.sqrt(np.mean(left_of(line, course.drives[places]) ** 2, axis=1))
-        straight = (beside <= WITHIN_95).all(axis=1)
-        time, way = time[straight], course.way[places[straight]]
-        freedom = WAYS * (places.shape[1] - NUMBERS)
-        windows = Windows(time, way, freedom, np.empty(0))
-        found.append(windows._replace(smooth=windows.left(smooth)))
+        drive_rms = np.sqrt(np.mean(residual_of(line, course.drives[indices]) ** 2, axis=1))
+        is_linear = (drive_rms <= WITHIN_95).all(axis=1)
+        time, coordinates = time[is_linear], course.coordinates[indices[is_linear]]
+        freedom = DIRECTIONS * (indices.shape[1] - NUMBERS)
+        windows = Windows(time, coordinates, freedom, np.empty(0))
+        found.append(windows._replace(smooth_squares=windows.squares_of(smooth)))
     return found
 
 
@@ -352,16 +360,20 @@ def gains_of(windows: Sequence[Windows], vibrations: Sequence[Vibration]) -> lis
 
     vibrations: of one frequency. The gain is in log likelihood, each window with its own noise.
     """
-    driven = replace(vibrations[0], rate=0.0)  # what goes on as long as it likes is driven
+    driven = replace(vibrations[0], rate=0.0)  # an undamped vibration is driven
     gains = np.zeros((len(vibrations), 1))
     for one in windows:
-        own = one.left(vibration.columns for vibration in vibrations)
-        other = np.concatenate([one.left([driven.columns]), one.smooth])
-        gains = gains + 0.5 * one.freedom * np.sum(np.log(other / own[:, None]), axis=2)
+        vibration_squares = one.squares_of(vibration.columns for vibration in vibrations)
+        alternative_squares = np.concatenate(
+            [one.squares_of([driven.columns]), one.smooth_squares]
+        )
+        gains = gains + 0.5 * one.freedom * np.sum(
+            np.log(alternative_squares / vibration_squares[:, None]), axis=2
+        )
     return [float(gain) for gain in gains.min(axis=1)]
 
 
-def smooth_ways(seconds: float) -> list[Columns]:
+def smooth_motions(seconds: float) -> list[Columns]:
     """Return smooth motions with this many coefficients: a cubic and pairs of exponentials."""
 
     def cubic(time: Array) -> Array:
@@ -376,13 +388,13 @@ def smooth_ways(seconds: float) -> list[Columns]:
     return [cubic, *map(decaying, DECAYS)]
 
 
-def left_of(columns: Array, values: Array) -> Array:
+def residual_of(columns: Array, values: Array) -> Array:
     """Return the residual of values (windows, n, any) after projection on columns (likewise)."""
     basis, _ = np.linalg.qr(columns)
     return np.asarray(values - basis @ (basis.transpose(0, 2, 1) @ values))
 
 
-def at_rest(course: Course, vibration: Vibration, noise: float) -> Flags:
+def at_rest(course: TargetMotion, vibration: Vibration, noise: float) -> Flags:
     """Return the frames (n,) in which the arm is in equilibrium and stays there.
 
     One window of a period, before, around or after a frame, must show this: its vibration is small
@@ -390,20 +402,24 @@ def at_rest(course: Course, vibration: Vibration, noise: float) -> Flags:
     begun to change.
     """
     rest = np.zeros(course.time.size, np.bool_)
-    judged = rest.copy()
+    checked = rest.copy()
     windows = course.windows(vibration.period)
     for first in range(0, len(windows), MOST_WINDOWS):
-        places = windows[first : first + MOST_WINDOWS]
-        time = course.time[places] - course.time[places[:, :1]]
-        columns, way = vibration.columns(time), course.way[places]
-        numbers = np.linalg.pinv(columns) @ way
-        left = np.mean((way - columns @ numbers) ** 2, axis=(1, 2))
-        freedom = 1.0 - NUMBERS / places.shape[1]
-        begun = np.abs(left_of(columns[..., :2], course.drives[places])).max(axis=2) > RESTS
-        swing = np.sum((numbers[:, 2:] @ course.tip) ** 2, axis=(1, 2))
-        for place in (0, places.shape[1] // 2, places.shape[1] - 1):
-            far = swing * np.exp(-2.0 * vibration.rate * time[:, place])
-            small = (far <= 2.0 * (WITHIN_95 * noise) ** 2) & ~begun[:, place]
-            rest[places[:, place]] |= small & (left <= freedom * (WITHIN_95 * noise) ** 2)
-            judged[places[:, place]] = True
-    return np.asarray(rest | ~judged)
+        indices = windows[first : first + MOST_WINDOWS]
+        time = course.time[indices] - course.time[indices[:, :1]]
+        columns, coordinates = vibration.columns(time), course.coordinates[indices]
+        coefficients = np.linalg.pinv(columns) @ coordinates
+        residual_variance = np.mean((coordinates - columns @ coefficients) ** 2, axis=(1, 2))
+        freedom = 1.0 - NUMBERS / indices.shape[1]
+        is_driven = (
+            np.abs(residual_of(columns[..., :2], course.drives[indices])).max(axis=2) > RESTS
+        )
+        swing = np.sum((coefficients[:, 2:] @ course.tip) ** 2, axis=(1, 2))
+        for index in (0, indices.shape[1] // 2, indices.shape[1] - 1):
+            amplitude_square = swing * np.exp(-2.0 * vibration.rate * time[:, index])
+            small = (amplitude_square <= 2.0 * (WITHIN_95 * noise) ** 2) & ~is_driven[:, index]
+            rest[indices[:, index]] |= small & (
+                residual_variance <= freedom * (WITHIN_95 * noise) ** 2
+            )
+            checked[indices[:, index]] = True
+    return np.asarray(rest | ~checked)

@@ -46,10 +46,10 @@ def score(
     solved = model.solve(arm, inputs)
     theta, curvature = model.fields[:, THETA], model.fields[:, CURVATURE]
     if placement is None:
-        beside, _ = target_displacement(arm, theta, curvature)
+        placement_shift, _ = target_displacement(arm, theta, curvature)
     else:
-        beside = in_plane(paint(theta, curvature, placement).displacement)
-    error = run.points - model.points - beside
+        placement_shift = in_plane(paint(theta, curvature, placement).displacement)
+    error = run.points - model.points - placement_shift
     error = np.where(solved[:, None, None], error, np.nan)
     missing = float(1.0 - solved.mean()) if solved.size else 1.0
     if not np.isfinite(error).any():

@@ -28,7 +28,7 @@ def undetermined_quantities(fit: Fit) -> list[Note]:
                 reason='not_determined',
             )
         )
-    laws = [place for place, name in enumerate(names) if name.startswith('moment_law.')]
+    laws = [index for index, name in enumerate(names) if name.startswith('moment_law.')]
     correlation = after / np.outer(std, std)
     pairs = [
         (names[i], names[j], correlation[i, j])
@@ -40,11 +40,11 @@ def undetermined_quantities(fit: Fit) -> list[Note]:
     ]
     if pairs:
         one, other, value = max(pairs, key=lambda pair: abs(pair[2]))
-        others = f'; nor can {len(pairs) - 1} other pairs' if len(pairs) > 1 else ''
+        other_pairs = f'; nor can {len(pairs) - 1} other pairs' if len(pairs) > 1 else ''
         notes.append(
             Note(
                 f'{one} and {other} cannot be distinguished with these data (correlation '
-                f'{value:.3f})' + others,
+                f'{value:.3f})' + other_pairs,
                 reason='not_distinguished',
             )
         )

@@ -48,13 +48,13 @@ def consider_nonuniformity(
     information = fit.all_information
     prior = departure_prior(parameters, fit.values, settings)
     if parameters.shapes < shown:
-        left = fit.information_vector - fit.information @ (fit.values - parameters.mean)
-        prior = known_departure(prior, information, fit.covariance, left)
+        gradient = fit.information_vector - fit.information @ (fit.values - parameters.mean)
+        prior = known_departure(prior, information, fit.covariance, gradient)
     errors = fit.covariance @ information[:, : parameters.cells]
     errors[: parameters.cells] -= np.eye(parameters.cells)
     size = fit.values.size
-    taken_with = np.linalg.solve(fit.covariance, fit.shared_covariance[:size, size:]).T
-    errors = np.concatenate([errors, taken_with @ errors])
+    regression = np.linalg.solve(fit.covariance, fit.shared_covariance[:size, size:]).T
+    errors = np.concatenate([errors, regression @ errors])
     missed = fit.chi_squared / max(fit.dof, 1)
     scale = missed if missed > CONSISTENCY.misfit else 1.0
     shared = scale * fit.shared_covariance + errors @ prior @ errors.T
@@ -72,9 +72,9 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
     an error of it.
     """
     cells = len(prior)
-    left = (information - information @ covariance @ information)[:cells, :cells]
+    conditional = (information - information @ covariance @ information)[:cells, :cells]
     root = np.linalg.cholesky(prior + ROUNDING * float(np.trace(prior)) * np.eye(cells))
-    known = root @ np.linalg.solve(np.eye(cells) + root.T @ left @ root, root.T)
+    known = root @ np.linalg.solve(np.eye(cells) + root.T @ conditional @ root, root.T)
     shown = known @ missed[:cells]
     return np.asarray(known + np.outer(shown, shown))
 
@@ -82,8 +82,8 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
 def shape_std(fit: Fit) -> tuple[float, float]:
     """Return the largest standard error (m) of the position of the centerline, and its s / l."""
     places = fit.arm.length * fit.parameters.arclength
-    moved = shape_jacobian(fit, EXPERIMENTS.covariance_frames, places)
-    variance = np.einsum('ij,jk,ik->i', moved, fit.covariance, moved)
+    jacobian = shape_jacobian(fit, EXPERIMENTS.covariance_frames, places)
+    variance = np.einsum('ij,jk,ik->i', jacobian, fit.covariance, jacobian)
     total = variance.reshape(-1, 2, places.size).sum(axis=1)
     worst = int(np.argmax(total.max(axis=0)))
     return float(np.sqrt(total.max())), float(fit.parameters.arclength[worst])
@@ -112,8 +112,10 @@ def departure_prior(parameters: Parameters, values: Array, settings: ResolutionS
     """
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
     rest = settings.nonuniform_rest / parameters.frame.length
-    over = settings.nonuniform**2 * np.outer(mean, mean) + rest**2
-    return np.asarray(np.kron(over, correlation(parameters.arclength, settings.nonuniform_scale)))
+    amplitude = settings.nonuniform**2 * np.outer(mean, mean) + rest**2
+    return np.asarray(
+        np.kron(amplitude, correlation(parameters.arclength, settings.nonuniform_scale))
+    )
 
 
 def linear_departure(settings: ResolutionSettings) -> float:

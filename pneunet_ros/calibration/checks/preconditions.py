@@ -146,17 +146,17 @@ def check_pressures(
 
     constant: it never changes, also under load.
     """
-    declared, same = settings.preconditions.declared, same_pressure(arm, settings.resolution)
+    declared, tolerance = settings.preconditions.declared, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
-    moved = max(motion([run], arm.reach) for run in unloaded)
+    largest_motion = max(motion([run], arm.reach) for run in unloaded)
     if declared is not None:
-        bends = moved > PRECONDITIONS.bending_motion * arm.length
+        bends = largest_motion > PRECONDITIONS.bending_motion * arm.length
         check_meaning(pressures, declared, names, arm, moves=bends)
     for run in unloaded:
         moves = motion([run], arm.reach)
-        still = np.ptp(run.frame_pressure) < same
-        if still and moves > PRECONDITIONS.hanging_motion * arm.length:
+        is_constant = np.ptp(run.frame_pressure) < tolerance
+        if is_constant and moves > PRECONDITIONS.hanging_motion * arm.length:
             raise RecordingError(
                 f'{run.name}: the pressure stays at {kilopascals(run.frame_pressure[0]):.3g} '
                 f'kPa, but the unloaded arm moves by {millimeters(moves):.3g} mm. Is it the '
@@ -165,14 +165,14 @@ def check_pressures(
             )
     if constant:
         return
-    if np.ptp(pressures) < same:
+    if np.ptp(pressures) < tolerance:
         raise RecordingError(
             f'pressure spans {kilopascals(float(np.ptp(pressures))):.2g} kPa in {names}: kappa_p0 '
             'needs at least two pressures; record a ramp or a staircase',
             reason='one_pressure',
         )
     least = PRECONDITIONS.smallest_motion * arm.length
-    if moved < least and motion(unloaded, arm.reach) < least:
+    if largest_motion < least and motion(unloaded, arm.reach) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the pressure changes; do the target '
             'topic and the pressure topic belong to the same arm?',
@@ -273,12 +273,12 @@ def check_units(run: RecordingData, arm: Arm) -> None:
 def row_share(run: RecordingData, arm: Arm) -> float:
     """Return the longest row of targets relative to its arclength; 1 if few are seen."""
     chords = np.hypot(np.diff(run.x, axis=1), np.diff(run.y, axis=1))
-    both = np.isfinite(chords)
-    arcs = np.sum(both * np.diff(arm.target_arclength), axis=1)
-    enough = np.count_nonzero(both, axis=1) + 1 >= PRECONDITIONS.fewest_targets
-    if not enough.any():
+    known = np.isfinite(chords)
+    arcs = np.sum(known * np.diff(arm.target_arclength), axis=1)
+    is_complete = np.count_nonzero(known, axis=1) + 1 >= PRECONDITIONS.fewest_targets
+    if not is_complete.any():
         return 1.0
-    return float(np.max(np.nansum(chords, axis=1)[enough] / arcs[enough]))
+    return float(np.max(np.nansum(chords, axis=1)[is_complete] / arcs[is_complete]))
 
 
 def check_clamp(run: RecordingData, arm: Arm) -> None:
@@ -293,10 +293,10 @@ def check_clamp(run: RecordingData, arm: Arm) -> None:
             'the camera file), or reverse the ids',
             reason='wrong_end',
         )
-    moved = clamp_motion(run.points, run.frame_pressure, places, arm.length)
-    if moved > ROW_ORDER.clamp_loose * arm.length:
+    travel = clamp_motion(run.points, run.frame_pressure, places, arm.length)
+    if travel > ROW_ORDER.clamp_loose * arm.length:
         raise RecordingError(
-            f'{run.name}: the first target moves by {millimeters(moved):.3g} mm as the pressure '
+            f'{run.name}: the first target moves by {millimeters(travel):.3g} mm as the pressure '
             'changes, but a target at the clamp cannot move. Fix the clamp, or give the arclength '
             'of this target (target_arclength of --arm)',
             reason='clamp_moves',
@@ -307,11 +307,13 @@ def describe_clamp(runs: Sequence[RecordingData], arm: Arm) -> tuple[Note, ...]:
     """Report recordings in which the clamp moves slightly with the pressure."""
     places = arm.target_arclength
     least = max(ROW_ORDER.clamp_moves * arm.length, ROW_ORDER.clamp_noise * arm.sensors.target_std)
-    moved = {
+    clamp_motions = {
         run.name: clamp_motion(run.points, run.frame_pressure, places, arm.length) for run in runs
     }
     loose = [
-        f'{name} ({millimeters(size):.2g} mm)' for name, size in moved.items() if size > least
+        f'{name} ({millimeters(size):.2g} mm)'
+        for name, size in clamp_motions.items()
+        if size > least
     ]
     if not loose:
         return ()

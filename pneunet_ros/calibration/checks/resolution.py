@@ -54,11 +54,11 @@ def resolve(
     runs = [*unloaded, *loaded]
     seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
     targets = arm.target_arclength[seen].tolist()
-    shapes = count_apart([0.0, *targets], settings.apart * arm.length) - 1
+    shapes = count_separated([0.0, *targets], settings.resolved_gap * arm.length) - 1
     with_heading = any(run.heading is not None for run in runs)
     shapes = min(max(shapes + with_heading, 1), settings.knots)
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
-    pressures = count_apart(pressure.tolist(), same_pressure(arm, settings))
+    pressures = count_separated(pressure.tolist(), same_pressure(arm, settings))
     constant = has_one_pressure(runs, arm, settings)
     notes = []
     if shapes == 1:
@@ -119,7 +119,7 @@ def resolve(
     )
 
 
-def count_apart(values: Sequence[float], distance: float) -> int:
+def count_separated(values: Sequence[float], distance: float) -> int:
     """Return the number of increasing values that are more than a distance apart."""
     last, count = values[0], 1
     for value in values:

@@ -33,25 +33,25 @@ HALVINGS = 30  # of an interval: 30 leave the ninth digit
 class TipErrors:
     """Displacement of the last target in loaded frames by a departure, and the stated error.
 
-    moved (frames, 2) m, with all parameters refitted; jacobian (frames, 2, parameters); covariance
+    shift (frames, 2) m, with all parameters refitted; jacobian (frames, 2, parameters); covariance
     (frames, 2, 2) m^2 of the model, readings (frames, 2, 2) m^2 due to their noise.
     """
 
-    moved: Array
+    shift: Array
     jacobian: Array
     covariance: Array
     readings: Array
 
-    def nees(self, further: Array | float = 0.0) -> float:
-        """Return the NEES of the tip; further: added covariance (frames, 2, 2) m^2."""
-        covariance = self.covariance + self.readings + further
-        solved = np.linalg.solve(covariance, self.moved[:, :, None])
-        return float(np.mean(np.sum(self.moved[:, :, None] * solved, axis=1)))
+    def nees(self, added: Array | float = 0.0) -> float:
+        """Return the NEES of the tip; added: further covariance (frames, 2, 2) m^2."""
+        covariance = self.covariance + self.readings + added
+        solved = np.linalg.solve(covariance, self.shift[:, :, None])
+        return float(np.mean(np.sum(self.shift[:, :, None] * solved, axis=1)))
 
     @property
     def rms(self) -> float:
         """Root mean square distance (m)."""
-        return float(np.sqrt(np.mean(np.sum(self.moved**2, axis=1))))
+        return float(np.sqrt(np.mean(np.sum(self.shift**2, axis=1))))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,8 +78,8 @@ class StiffnessVariation:
     @property
     def factors(self) -> Array:
         """EI relative to the fitted law (stations,), evenly spaced along the arm."""
-        along = np.linspace(-1.0, 1.0, STATIONS)
-        return np.exp(legendre.legvander(along, self.dof)[:, 1:] @ self.coefficients)
+        position = np.linspace(-1.0, 1.0, STATIONS)
+        return np.exp(legendre.legvander(position, self.dof)[:, 1:] @ self.coefficients)
 
 
 def stiffness_variation(fit: Fit, noise: SensorNoise) -> StiffnessVariation | None:
@@ -94,8 +94,8 @@ def stiffness_variation(fit: Fit, noise: SensorNoise) -> StiffnessVariation | No
     score = np.zeros(modes)
     for which in np.flatnonzero(loaded):
         run = linear.runs[which]
-        own = prior.disturbances.of_run(int(which))
-        columns = np.concatenate([np.arange(prior.size), prior.size + own])
+        run_unknowns = prior.disturbances.of_run(int(which))
+        columns = np.concatenate([np.arange(prior.size), prior.size + run_unknowns])
         white = run.whitening(mode_jacobian(fit, run, modes)).reshape(-1, modes)
         fitted = run.whitening(run.jacobian).reshape(len(white), -1)
         inner += white.T @ white
@@ -110,7 +110,7 @@ def stiffness_variation(fit: Fit, noise: SensorNoise) -> StiffnessVariation | No
     coefficients = frozen_array(np.linalg.solve(known, score))
     refitted = np.asarray(-prior.scale @ (solved[:, :-1] @ coefficients), np.float64)
     return StiffnessVariation(
-        # with what is believed of EI: a direction that is not seen has no score
+        # with the prior of EI: an unobservable direction has no score
         statistic=float(score @ coefficients),
         dof=modes,
         coefficients=coefficients,
@@ -133,9 +133,11 @@ def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
     by_knot = by_cell.reshape(*by_cell.shape[:2], -1, knots.size).sum(axis=2)
     places = fit.arm.target_arclength / fit.arm.length
     elastic = run.fields[:, CURVATURE] - run.fields[:, INTRINSIC_CURVATURE]
-    bent = np.array([np.interp(knots, places, frame) for frame in np.nan_to_num(elastic)])
+    elastic_at_knots = np.array(
+        [np.interp(knots, places, frame) for frame in np.nan_to_num(elastic)]
+    )
     shapes = legendre.legvander(2.0 * knots - 1.0, modes)[:, 1:]
-    return np.asarray(-np.einsum('fck,fk,km->fcm', by_knot, bent, shapes))
+    return np.asarray(-np.einsum('fck,fk,km->fcm', by_knot, elastic_at_knots, shapes))
 
 
 def tip_errors(
@@ -150,14 +152,16 @@ def tip_errors(
         by_mode = mode_jacobian(fit, run, coefficients.size)[np.ix_(solved, tip)]
         jacobian = run.jacobian[np.ix_(solved, tip)][:, :, :size]
         errors = run.errors[np.ix_(solved, tip)]
-        moved = by_mode @ coefficients + jacobian @ refitted
-        own = jacobian @ fit.covariance @ jacobian.transpose(0, 2, 1)
+        shift = by_mode @ coefficients + jacobian @ refitted
+        model_covariance = jacobian @ fit.covariance @ jacobian.transpose(0, 2, 1)
         for part, values in zip(
-            parts, (moved, jacobian, own, errors @ errors.transpose(0, 2, 1)), strict=True
+            parts,
+            (shift, jacobian, model_covariance, errors @ errors.transpose(0, 2, 1)),
+            strict=True,
         ):
             part.append(values)
-    moved, jacobian, covariance, readings = (np.concatenate(part) for part in parts)
-    return TipErrors(moved=moved, jacobian=jacobian, covariance=covariance, readings=readings)
+    shift, jacobian, covariance, readings = (np.concatenate(part) for part in parts)
+    return TipErrors(shift=shift, jacobian=jacobian, covariance=covariance, readings=readings)
 
 
 def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
@@ -173,11 +177,11 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     tips, law = variation.tips, fit.parameters.law
     assert law is not None
     scalings = np.zeros((fit.values.size, law.sections))
-    own = slice(fit.parameters.before_law, None)
-    scalings[own] = law.scalings(fit.values[own])
+    law_values = slice(fit.parameters.before_law, None)
+    scalings[law_values] = law.scalings(fit.values[law_values])
     by_section = tips.jacobian @ scalings
-    moved = np.mean(by_section.transpose(0, 2, 1) @ by_section, axis=0)
-    sizes, axes = np.linalg.eigh(moved)
+    mean_square = np.mean(by_section.transpose(0, 2, 1) @ by_section, axis=0)
+    sizes, axes = np.linalg.eigh(mean_square)
     per_meter = axes / np.sqrt(np.maximum(sizes, 1e-12 * sizes.max()))
     most = STIFFNESS_VARIATION.most_error / np.abs(per_meter).max(axis=0)
     by_meter = by_section @ per_meter
@@ -204,15 +208,15 @@ def describe_variation(
     law, factors = fit.parameters.law, variation.factors
     assert law is not None
     ends = sorted((int(np.argmin(factors)), int(np.argmax(factors))))
-    here, there = (
-        f'{factors[place]:.2f} times the fitted value at s / l = {place / (STATIONS - 1):.2g}'
-        for place in ends
+    first, second = (
+        f'{factors[station]:.2f} times the fitted value at s / l = {station / (STATIONS - 1):.2g}'
+        for station in ends
     )
     other = ' Try --law piecewise_linear.' if law.sections == 1 and not law_given else ''
     return [
         Note(
             f'the stiffness seems to vary along the arm in a way that the law {law.kind} does '
-            f'not allow: as if EI were {here} and {there}. This would lower chi squared by '
+            f'not allow: as if EI were {first} and {second}. This would lower chi squared by '
             f'{variation.statistic:.0f} (noise alone: by less than '
             f'{STIFFNESS_VARIATION.significant:.0f}) and move the tip of loaded frames by '
             f'{millimeters(variation.tips.rms):.2g} mm rms. A missing effect may look the same: '
