@@ -36,7 +36,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SCORE_TE
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits
 from pneunet_ros.discovery.law import Law
-from pneunet_ros.discovery.library_words import is_said_by
+from pneunet_ros.discovery.library_words import is_equivalent_to
 from pneunet_ros.discovery.proposed_effect import PREFIX
 from pneunet_ros.discovery.search import Search
 from pneunet_ros.measurement.dataset import RecordingData
@@ -197,7 +197,7 @@ class Engine:
         meanings = [place.columns.meanings[item] for item in found.columns
                     if place.items.causes[item] == cause]  # fmt: skip
         kinds = [(item.cause.kind.name, item.term) for item in meanings if item.cause is not None]
-        return any(is_said_by(kind, [term], [name]) for kind, term in kinds)
+        return any(is_equivalent_to(kind, [term], [name]) for kind, term in kinds)
 
     def rank(self, known: Trial) -> Callable[[Trial], tuple[bool, float]]:
         """Return how to order trials: those that pass first, then by evidence.

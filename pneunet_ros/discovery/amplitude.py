@@ -102,8 +102,8 @@ class RunColumns(abc.ABC):
 
     def left_out_gain(self, runs: Runs, std: float) -> float:
         """Return the gain in log probability of every run predicted from the others."""
-        everything, *others = (item.log_gain(std) for item in self.left_out(runs))
-        return sum(everything - item for item in others)
+        total, *left_out = (item.log_gain(std) for item in self.left_out(runs))
+        return sum(total - item for item in left_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ class Columns(RunColumns):
 
 
 @dataclass(frozen=True, eq=False)
-class OwnColumns(RunColumns):
+class PerRunColumns(RunColumns):
     """Columns with coefficients of their own in every run, such as one per frame.
 
     Evidence covers those of all runs in order, with zeros for other runs.
@@ -143,7 +143,7 @@ class OwnColumns(RunColumns):
     @classmethod
     def of_frames(
         cls, projection: Projection, linearization: Linearization, fields: Sequence[Array]
-    ) -> OwnColumns:
+    ) -> PerRunColumns:
         """Take a field (frames, 2 targets) m of every run, whitened frame by frame."""
         gaussian = projection.gaussian
         return cls(
@@ -162,9 +162,9 @@ class OwnColumns(RunColumns):
         ends = np.cumsum([0, *(score.size for _, _, score in self.parts)])
         return [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
 
-    def along(self, factors: Sequence[Array]) -> OwnColumns:
+    def combined(self, factors: Sequence[Array]) -> PerRunColumns:
         """Return weighted sums over the columns of every run; factors: (columns, n) per run."""
-        return OwnColumns(
+        return PerRunColumns(
             self.projection,
             [
                 (factor.T @ gram @ factor, cross @ factor, factor.T @ score)
@@ -177,8 +177,8 @@ class OwnColumns(RunColumns):
         count, base = self.of_run[-1].stop, self.projection.gaussian.position.size
         gram, cross, score = np.zeros((count, count)), np.zeros((base, count)), np.zeros(count)
         for which in runs:
-            own = self.of_run[which]
-            gram[own, own], cross[:, own], score[own] = self.parts[which]
+            where = self.of_run[which]
+            gram[where, where], cross[:, where], score[where] = self.parts[which]
         return self.projection.evidence(runs, gram, cross, score)
 
 

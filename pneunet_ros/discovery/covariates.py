@@ -142,9 +142,9 @@ def side_of_play(run: RecordingData, width: float) -> Array:
         return np.zeros(len(run.stamp_ns))
     half, middle = 0.5 * width, float(run.pressure[0])
     side = np.empty(len(run.pressure))
-    for place, pressure in enumerate(run.pressure.tolist()):
+    for index, pressure in enumerate(run.pressure.tolist()):
         middle = min(max(middle, pressure - half), pressure + half)
-        side[place] = (pressure - middle) / half
+        side[index] = (pressure - middle) / half
     at_frames: Array = side[run.reading]
     return at_frames
 

@@ -30,7 +30,7 @@ from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, Proposal
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Law
-from pneunet_ros.discovery.library_words import is_said_by, LIBRARY_WORDS
+from pneunet_ros.discovery.library_words import is_equivalent_to, LIBRARY_WORDS
 from pneunet_ros.discovery.proposed_effect import effect_name, LAW_ERROR
 from pneunet_ros.discovery.result import (
     AmplitudeSeries,
@@ -66,9 +66,9 @@ class Finding:
         return self.proposal is not None and self.proposal.trial.record.adequate
 
     @property
-    def goes_by_itself(self) -> bool:
+    def is_unpredictable(self) -> bool:
         """Whether no measured quantity predicts it."""
-        return self.proposal is None and self.suspect.goes_by_itself
+        return self.proposal is None and self.suspect.is_unpredictable
 
 
 def discover(
@@ -87,22 +87,22 @@ def discover(
     """
     if isinstance(investigation, UnsettledInvestigation):
         return NOTHING_SEARCHED
-    instead = overrule(investigation, on_progress)
-    if instead.overruling is not None:
-        return instead
+    overruling = overrule(investigation, on_progress)
+    if overruling.overruling is not None:
+        return overruling
     base = starting_point(investigation)
     if base is None:
-        return instead
+        return overruling
     on_progress('causes outside the library', 0, 0)
     fits = joint_fits(investigation, base)
-    beside, best = look_for_law(investigation, fits, fits.search.suspects(), on_progress)
-    if base is investigation.base:  # what the law of a named effect leaves out changes by itself
-        beside = by_itself(fits, beside, best)
-    if best is not None and not beside.found:
+    discovery, best = look_for_law(investigation, fits, fits.search.suspects(), on_progress)
+    if base is investigation.base:  # the remainder of a named effect may also wander
+        discovery = consider_wandering(fits, discovery, best)
+    if best is not None and not discovery.found:
         objection = untestable_law(investigation, base, best)
         if objection:
-            beside = replace(beside, overruling=take_back(investigation, objection))
-    return replace(beside, notes=(*instead.notes, *beside.notes))
+            discovery = replace(discovery, overruling=take_back(investigation, objection))
+    return replace(discovery, notes=(*overruling.notes, *discovery.notes))
 
 
 def joint_fits(investigation: Investigation, base: Trial) -> JointFits:
@@ -147,14 +147,14 @@ def overrule(investigation: Investigation, on_progress: OnProgress) -> Discovery
         return NOTHING_SEARCHED
     names = (*trial.names, *diagnosis.alternatives)
     if not {*names} <= {*LIBRARY_WORDS}:
-        return NOTHING_SEARCHED  # an effect of a user: whether a law says the same is not known
+        return NOTHING_SEARCHED  # a user effect: a law may be equivalent to it
     on_progress('causes outside the library, in place of the name', 0, 0)
     fits, named = joint_fits(investigation, first), trial.record
     suspects = fits.search.suspects()
     if not any(
         item.left_out_gain > CONFIRMATION.worth_a_fit * named.evidence
         and item.law is not None
-        and not is_said_by(item.kind.name, item.law.terms, names)
+        and not is_equivalent_to(item.kind.name, item.law.terms, names)
         for item in suspects
     ):
         return NOTHING_SEARCHED
@@ -162,11 +162,13 @@ def overrule(investigation: Investigation, on_progress: OnProgress) -> Discovery
     if best is None or best.proposal is None:
         return NOTHING_SEARCHED
     law, kind = best.proposal, best.suspect.kind.name
-    if is_said_by(kind, law.terms, names) or not predicts_better(law.trial.record, named):
+    if is_equivalent_to(kind, law.terms, names) or not predicts_better(law.trial.record, named):
         return NOTHING_SEARCHED
     if not discovery.found:
-        more = f'a law of another kind explains more than {" + ".join(trial.names)}, unconfirmed'
-        return Discovery(searched=True, notes=(f'{more}: {"; ".join(discovery.notes)}',))
+        found_text = (
+            f'a law of another kind explains more than {" + ".join(trial.names)}, unconfirmed'
+        )
+        return Discovery(searched=True, notes=(f'{found_text}: {"; ".join(discovery.notes)}',))
     objection = (
         f'a law of another kind ({kind}) predicts each training recording from the others better, '
         f'by {best.gain:.0f} in log probability where this has {named.evidence:.0f}'
@@ -202,7 +204,7 @@ def look_for_law(
     if not suspects:
         notes = ('no kind of cause that was tried predicts left-out recordings',)
         return replace(unconfirmed, notes=notes), None
-    findings = judge(fits, suspects, on_progress)
+    findings = fit_finalists(fits, suspects, on_progress)
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
     objections = objections_to(best, fits)
     unconfirmed = replace(unconfirmed, amplitudes=amplitude_series(search, best))
@@ -224,13 +226,13 @@ def look_for_law(
     return replace(unconfirmed, found=found, evaluation=evaluation, closed=closed), best
 
 
-def by_itself(fits: JointFits, law: Discovery, best: Finding | None) -> Discovery:
+def consider_wandering(fits: JointFits, law: Discovery, best: Finding | None) -> Discovery:
     """Return the confirmed aperiodic course in time, if there is one, or else the law.
 
     It replaces an unconfirmed law, and a law in time that explains less, because that predicts
     nothing either.
     """
-    if law.found and best is not None and not best.goes_by_itself:
+    if law.found and best is not None and not best.is_unpredictable:
         return law
     search = fits.search
     suspects = search.wandering_suspects()
@@ -259,37 +261,39 @@ def starting_point(investigation: Investigation) -> Trial | None:
     return None
 
 
-def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress) -> list[Finding]:
+def fit_finalists(
+    fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress
+) -> list[Finding]:
     """Fit the best suspects jointly if a model can follow them, and evaluate them.
 
     If all of them leave more than a law may, the calibration has absorbed so much that their order
     means little: then more of them are fitted, also as constants.
     """
     findings = []
-    for place, suspect in enumerate(suspects[: CONFIRMATION.finalists]):
-        on_progress(f'joint fit of {suspect.kind.name}', place, CONFIRMATION.finalists)
+    for index, suspect in enumerate(suspects[: CONFIRMATION.finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', index, CONFIRMATION.finalists)
         law = measured_part(suspect)
         proposal = None if law is None else fits.propose(law)
         finding = finding_of(suspect, proposal, fits)
-        if suspect.goes_by_itself and not finding.explains:
+        if suspect.is_unpredictable and not finding.explains:
             finding = finding_of(suspect, None, fits)
         findings.append(finding)
-    if findings[0].goes_by_itself or any(item.explains for item in findings):
+    if findings[0].is_unpredictable or any(item.explains for item in findings):
         return findings
-    again = []
-    for place, suspect in enumerate(suspects[: CONFIRMATION.more_finalists]):
-        on_progress(f'joint fit of {suspect.kind.name}', place, CONFIRMATION.more_finalists)
-        known = findings[place] if place < len(findings) else finding_of(suspect, None, fits)
-        if known.goes_by_itself:
-            again.append(known)
+    extended = []
+    for index, suspect in enumerate(suspects[: CONFIRMATION.more_finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', index, CONFIRMATION.more_finalists)
+        known = findings[index] if index < len(findings) else finding_of(suspect, None, fits)
+        if known.is_unpredictable:
+            extended.append(known)
             continue
         proposals = [known.proposal, fits.propose_constant(suspect.kind)]
-        if place >= len(findings) and suspect.law is not None:
+        if index >= len(findings) and suspect.law is not None:
             proposals[0] = fits.propose(suspect.law)
         fitted = [item for item in proposals if item is not None]
         best = max(fitted, key=lambda item: item.evidence, default=None)
-        again.append(finding_of(suspect, best, fits))
-    return again
+        extended.append(finding_of(suspect, best, fits))
+    return extended
 
 
 def measured_part(suspect: Suspect) -> Law | None:
@@ -342,10 +346,10 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
     if suspect.law is not None:
         return suspect.law.explained
     assert suspect.swing is not None
-    if not suspect.swing.periodic:  # an amplitude of its own in every frame explains noise, too
+    if not suspect.swing.periodic:  # a separate amplitude in every frame also explains noise
         return 2.0 * suspect.swing.left_out_gain
-    along = search.frame_columns(suspect.cause).along(suspect.swing.factors)
-    return along.evidence(search.runs).explained
+    combined = search.frame_columns(suspect.cause).combined(suspect.swing.factors)
+    return combined.evidence(search.runs).explained
 
 
 def cause_map(search: Search, base: Trial) -> CauseMap:
@@ -353,10 +357,10 @@ def cause_map(search: Search, base: Trial) -> CauseMap:
     grid = np.linspace(0.0, 1.0, GRID)
     share, total = np.full((len(KINDS), grid.size), np.nan), excess_of(base)
     for row, kind in enumerate(KINDS.values()):
-        for place, position in enumerate(search.positions(kind)):
+        for index, position in enumerate(search.positions(kind)):
             law = search.law(kind, position, search.runs)
             explained = 0.0 if law is None else law.explained
-            cells = slice(None) if position is None else slice(place, place + 1)
+            cells = slice(None) if position is None else slice(index, index + 1)
             share[row, cells] = explained
     return CauseMap(
         kinds=tuple(KINDS), positions=grid, share=share / max(total, float(np.nanmax(share)))
@@ -396,9 +400,9 @@ def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
     runs = search.runs
     halves = runs[::2], runs[1::2]
     values = [
-        predicted_p_value(suspect, search, one, other, seed)
-        for one, other in (halves, halves[::-1])
-        if one and other
+        predicted_p_value(suspect, search, chosen, tested, seed)
+        for chosen, tested in (halves, halves[::-1])
+        if chosen and tested
     ]
     return min(1.0, 2.0 * min(values, default=1.0))
 
@@ -412,7 +416,7 @@ def predicted_p_value(
         swing = search.swing(suspect.cause, chosen, periodic=suspect.swing.periodic)
         if swing is None:
             return 1.0
-        white = own_columns(search.white(suspect.cause.fields, swing.factors), tested)
+        white = block_columns(search.white(suspect.cause.fields, swing.factors), tested)
     else:
         law = search.best_law(suspect.kind, chosen)
         if law is None:
@@ -423,19 +427,19 @@ def predicted_p_value(
             for which in tested
         ]
     blocks = [linearization.blocks[which] for which in tested]
-    alone = GaussianModel.of(
+    subset = GaussianModel.of(
         [gaussian.columns[which] for which in tested],
         [gaussian.residuals[which] for which in tested],
         gaussian.position,
         [gaussian.grams[which] for which in tested],
     )
-    problem = TestedProblem.of(OpenLaws(gaussian=alone), blocks, linearization.size)
+    problem = TestedProblem.of(OpenLaws(gaussian=subset), blocks, linearization.size)
     statistic = problem.statistic(f'split {suspect.kind.name}', range(len(tested)), white, seed)
     return compare_with_clean(statistic).p_value
 
 
-def own_columns(white: Sequence[Array], runs: Runs) -> list[Array]:
-    """Return columns (rows, n) of each run beside those of the others, with zeros there."""
+def block_columns(white: Sequence[Array], runs: Runs) -> list[Array]:
+    """Return block-diagonal columns (rows, n) per run: zero for all other runs."""
     parts = [white[which] for which in runs]
     rows = np.cumsum([len(part) for part in parts])
     return np.split(scipy.linalg.block_diag(*parts), rows[:-1])
@@ -564,16 +568,16 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
     std = np.sqrt(np.diag(covariance))
     law = law_amplitude(suspect, search)
     series = []
-    for which, own in enumerate(frames.of_run):
+    for which, run_frames in enumerate(frames.of_run):
         run = search.linearization.runs[which]
         series.append(
             AmplitudeSeries(
                 recording=run.name,
                 unit=kind.unit,
                 seconds=np.asarray((run.stamp_ns - run.reading_stamp_ns[0]) / 1e9),
-                value=value[own],
-                std=std[own],
-                law=law[own],
+                value=value[run_frames],
+                std=std[run_frames],
+                law=law[run_frames],
             )
         )
     return tuple(series)
@@ -582,11 +586,11 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
 def law_amplitude(suspect: Suspect, search: Search) -> Array:
     """Return the amplitude (all frames,) by the law of a suspect, without its native terms."""
     if suspect.swing is not None:
-        swing, along = suspect.swing, search.frame_columns(suspect.cause)
-        along = along.along(swing.factors)
-        size = along.evidence(search.runs).estimate(swing.std)[0]
-        pairs = zip(swing.factors, along.of_run, strict=True)
-        return np.concatenate([factor @ size[own] for factor, own in pairs])
+        swing, combined = suspect.swing, search.frame_columns(suspect.cause)
+        combined = combined.combined(swing.factors)
+        size = combined.evidence(search.runs).estimate(swing.std)[0]
+        pairs = zip(swing.factors, combined.of_run, strict=True)
+        return np.concatenate([factor @ size[run_columns] for factor, run_columns in pairs])
     law = suspect.law
     assert law is not None
     scales = {item.name: item for item in suspect.cause.covariates}

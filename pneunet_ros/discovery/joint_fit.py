@@ -87,7 +87,7 @@ class JointFits:
         low, high = kind.positions
         steps = np.arange(PLACE.held) + 0.5
         held = [
-            self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), held=True)
+            self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), hold_position=True)
             for position in (low + steps / steps.size * (high - low)).tolist()
         ]
         found = [item for item in held if item is not None]
@@ -110,11 +110,11 @@ class JointFits:
 
     def with_missing_terms(self, proposal: Proposal) -> Proposal | None:
         """Return the fit with missing terms; None if they gain too little."""
-        more = self.missing_terms(proposal)
-        if not more:
+        missing = self.missing_terms(proposal)
+        if not missing:
             return None
-        numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(more)))
-        terms = (*proposal.terms, *more)
+        numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(missing)))
+        terms = (*proposal.terms, *missing)
         better = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
         least = proposal.evidence + LAW.least_gain
         return None if better is None or better.evidence < least else better
@@ -158,22 +158,22 @@ class JointFits:
         kind: Kind,
         terms: tuple[str, ...],
         numbers: Array,
-        around: Refit | None = None,
+        start_fit: Refit | None = None,
         *,
-        held: bool = False,
+        hold_position: bool = False,
     ) -> Proposal | None:
-        """Fit jointly from these start values until converged; held: the position is fixed.
+        """Fit jointly from these start values until converged, possibly at a fixed position.
 
         None if the arm has no shape with it in a training or held-out recording.
         """
         parameters = self.search.parameters(kind, terms)
-        own = hypothesis(effect_class(self.search.source(kind, parameters)))
-        if held:
-            own = with_held_position(own, float(numbers[-1]))
+        added = hypothesis(effect_class(self.search.source(kind, parameters)))
+        if hold_position:
+            added = with_held_position(added, float(numbers[-1]))
         known = self.base.refit
         found = refit(
-            known.linearization if around is None else around.linearization,
-            (*known.hypotheses, own),
+            known.linearization if start_fit is None else start_fit.linearization,
+            (*known.hypotheses, added),
             np.concatenate([known.numbers, numbers]),
         )
         trial = None if found is None else self.selection.test_trial(found, self.first)

@@ -37,7 +37,7 @@ LIBRARY_WORDS: dict[str, tuple[Collection[str], Collection[str]]] = {
 }
 
 
-def is_said_by(kind: str, terms: Collection[str], names: Iterable[str]) -> bool:
+def is_equivalent_to(kind: str, terms: Collection[str], names: Iterable[str]) -> bool:
     """Whether a law is equivalent to one of these effects, possibly with more terms."""
     known = (LIBRARY_WORDS[name] for name in names if name in LIBRARY_WORDS)
     return any(kind in kinds and not {*words}.isdisjoint(terms) for kinds, words in known)

@@ -317,15 +317,15 @@ def memory_text(
     if not memory:
         return ''
     following, covariates = [], {}
-    for place, term in enumerate(memory, start=1):
+    for index, term in enumerate(memory, start=1):
         if term in PLAYS:
             half = repr(float(f'{0.5 * PLAYS[term] * play:.6g}'))
-            following.append(f'min(max(history[{place}], pressure - {half}), pressure + {half})')
-            covariates[term] = f'(history[0] - history[{place}]) / {half}'
+            following.append(f'min(max(history[{index}], pressure - {half}), pressure + {half})')
+            covariates[term] = f'(history[0] - history[{index}]) / {half}'
         else:
             time = TIMES[term]
-            following.append(f'follow(history[{place}], before, pressure, seconds, {time})')
-            covariates[term] = f'(history[0] - history[{place}])'
+            following.append(f'follow(history[{index}], before, pressure, seconds, {time})')
+            covariates[term] = f'(history[0] - history[{index}])'
             covariates[term] += f' / {time}' if term == RATE else ''
     amplitude = sum_text(parameters, covariates)
     chamber = f'pressure + {amplitude}' if kind.method == 'actuate' else 'pressure'
@@ -366,8 +366,8 @@ def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
     text, amplitude = '', sum_text(parameters, PRESENT)
     if amplitude or natives:
         first = f'        amplitude = {amplitude}\n' if amplitude else ''
-        own = terms_text(kind, 'amplitude' if amplitude else '', natives)
-        text += TERMS.format(first=first, terms=own)
+        terms = terms_text(kind, 'amplitude' if amplitude else '', natives)
+        text += TERMS.format(first=first, terms=terms)
     loaded = sum_text(parameters, LOADED)
     if loaded:
         text += LOAD_TERMS.format(amplitude=loaded, terms=terms_text(kind, 'amplitude'))

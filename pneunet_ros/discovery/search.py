@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.discovery.amplitude import Columns, OwnColumns, Projection, Runs
+from pneunet_ros.discovery.amplitude import Columns, PerRunColumns, Projection, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, KINDS
 from pneunet_ros.discovery.law import Cause, choose_law, Law
@@ -48,7 +48,7 @@ class Suspect:
         return self.cause.kind
 
     @property
-    def goes_by_itself(self) -> bool:
+    def is_unpredictable(self) -> bool:
         """Whether no measured quantity predicts it."""
         return self.law is None or ELAPSED in self.law.terms
 
@@ -71,7 +71,7 @@ class Search:
         low, high = self.linearization.point.arm.table_range
         self.play = COVARIATES.play * (high - low)
         self.causes: dict[tuple[str, float | None], Cause | None] = {}
-        self.frames: dict[tuple[str, float | None], OwnColumns] = {}
+        self.frames: dict[tuple[str, float | None], PerRunColumns] = {}
 
     @property
     def runs(self) -> Runs:
@@ -115,10 +115,10 @@ class Search:
         ]
         columns, names = [self.white(fields, factors)], [item.name for item in followed]
         for name, native in kind.natives.items():
-            own = self.unit_fields(kind, position, name, STEP * native.prior)
-            if own is not None:
-                factors = [np.full((len(item), 1), native.prior) for item in own]
-                columns.append(self.white(own, factors))
+            native_fields = self.unit_fields(kind, position, name, STEP * native.prior)
+            if native_fields is not None:
+                factors = [np.full((len(item), 1), native.prior) for item in native_fields]
+                columns.append(self.white(native_fields, factors))
                 names.append(name)
         white = tuple(np.concatenate(run, axis=1) for run in zip(*columns, strict=True))
         return Cause(
@@ -164,11 +164,11 @@ class Search:
         """Points (frames, 2, targets) m of the fit in all runs; None if there is no solution."""
         return self.linearization.points(self.fit.point.arm, range(len(self.runs)))
 
-    def frame_columns(self, cause: Cause) -> OwnColumns:
+    def frame_columns(self, cause: Cause) -> PerRunColumns:
         """Return the columns of a cause with an amplitude of its own in every frame (cached)."""
         key = cause.kind.name, cause.position
         if key not in self.frames:
-            self.frames[key] = OwnColumns.of_frames(
+            self.frames[key] = PerRunColumns.of_frames(
                 self.projection, self.linearization, cause.fields
             )
         return self.frames[key]

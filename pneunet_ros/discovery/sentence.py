@@ -20,7 +20,7 @@ def law_sentence(
     words = join_words([term_words(kind, item.name) for item in terms])
     sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
     return (
-        f'{begin(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
+        f'{opening(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
         f'{tied_words(tied)} This is a proposal until other recordings confirm it.'
     )
 
@@ -37,7 +37,7 @@ def swing_sentence(
         grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
         changes = f'oscillates with a period of {swing.period:.3g} s{grows} (up to {size})'
     return (
-        f'{begin(kind, location)}: the {kind.amplitude} {changes}.{tied_words(tied)} It depends '
+        f'{opening(kind, location)}: the {kind.amplitude} {changes}.{tied_words(tied)} It depends '
         'on no measured quantity, so no model can predict it.'
     )
 
@@ -48,12 +48,12 @@ def drift_sentence(
     """Describe a cause that depends on the time since the start of a recording."""
     words = join_words([term_words(kind, item.name) for item in terms])
     return (
-        f'{begin(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time since '
-        'the start of a recording is not a sensor reading, so no model can use it.'
+        f'{opening(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time '
+        'since the start of a recording is not a sensor reading, so no model can use it.'
     )
 
 
-def begin(kind: Kind, location: Estimated | None) -> str:
+def opening(kind: Kind, location: Estimated | None) -> str:
     """Return the beginning of the sentence: kind and position."""
     subject = kind.subject[:1].upper() + kind.subject[1:]
     if location is None:

@@ -14,7 +14,7 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Evidence, log_gains, OwnColumns, Runs
+from pneunet_ros.discovery.amplitude import Evidence, log_gains, PerRunColumns, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
 from pneunet_ros.discovery.settings import LAW
 import scipy
@@ -54,7 +54,7 @@ class Swing:
 
 
 def find_swing(
-    frames: OwnColumns, covariates: Mapping[str, Covariate], prior: float, runs: Runs
+    frames: PerRunColumns, covariates: Mapping[str, Covariate], prior: float, runs: Runs
 ) -> Swing | None:
     """Return the most probable swing of an amplitude in some runs; None if there is none.
 
@@ -63,38 +63,38 @@ def find_swing(
     if ELAPSED not in covariates or len(runs) < LAW.fewest_runs:
         return None
     seconds = covariates[ELAPSED].values
-    everything = frames.evidence(runs)
+    frame_evidence = frames.evidence(runs)
     best: tuple[float, float, str, list[Array], float] | None = None
     periods = possible_periods(seconds)
     for modulation in [name for name in MODULATIONS if name in covariates and periods.size]:
         size_of = covariates[modulation].scaled
         sizes = [prior * np.abs(size_of(which)) for which in range(len(seconds))]
-        swings = swing_evidence(everything, seconds, sizes, periods)
+        swings = swing_evidence(frame_evidence, seconds, sizes, periods)
         gains = log_gains(swings.score, swings.information, LAW.prior_sizes)
-        place, column = np.unravel_index(int(gains.argmax()), gains.shape)
+        index, column = np.unravel_index(int(gains.argmax()), gains.shape)
         if best is None or gains.max() > best[0]:
             std = LAW.prior_sizes[column]
-            best = float(gains.max()), float(periods[place]), modulation, sizes, std
+            best = float(gains.max()), float(periods[index]), modulation, sizes, std
     priors = prior * np.asarray(LAW.prior_sizes)
-    free = log_gains(everything.score, everything.information, priors).max()
-    # What swings is described better by that than by an amplitude of its own in every frame.
+    free = log_gains(frame_evidence.score, frame_evidence.information, priors).max()
+    # A swing must explain more than a separate amplitude in every frame.
     if best is None or best[0] < max(free, 0.0) + LAW.period_cost:
         return None
     _, period, modulation, sizes, std = best
-    period, period_std = refine_period(everything, seconds, sizes, period, std, periods)
+    period, period_std = refine_period(frame_evidence, seconds, sizes, period, std, periods)
     factors = [wave[:, 0] for wave in waves_of(seconds, sizes, np.array([period]))]
-    along = frames.along(factors)
-    coefficients, covariance = along.evidence(runs).estimate(std)
-    own = np.r_[tuple(along.of_run[which] for which in runs)]
-    size = float(np.sqrt(np.sum(coefficients[own] ** 2) / len(runs)))
-    slope = coefficients[own] / (len(runs) * size)
+    combined = frames.combined(factors)
+    coefficients, covariance = combined.evidence(runs).estimate(std)
+    run_columns = np.r_[tuple(combined.of_run[which] for which in runs)]
+    size = float(np.sqrt(np.sum(coefficients[run_columns] ** 2) / len(runs)))
+    slope = coefficients[run_columns] / (len(runs) * size)
     return Swing(
         period=period,
         period_std=period_std,
         modulation=modulation,
         size=size,
-        size_std=float(np.sqrt(slope @ covariance[np.ix_(own, own)] @ slope)),
-        left_out_gain=along.left_out_gain(runs, std) - LAW.period_cost,
+        size_std=float(np.sqrt(slope @ covariance[np.ix_(run_columns, run_columns)] @ slope)),
+        left_out_gain=combined.left_out_gain(runs, std) - LAW.period_cost,
         factors=factors,
         std=std,
     )
@@ -112,7 +112,9 @@ def wandering_courses(seconds: Sequence[Array]) -> Courses:
     return {time: wandering_roots(seconds, time) for time in times}
 
 
-def find_wandering(frames: OwnColumns, courses: Courses, prior: float, runs: Runs) -> Swing | None:
+def find_wandering(
+    frames: PerRunColumns, courses: Courses, prior: float, runs: Runs
+) -> Swing | None:
     """Return an aperiodic amplitude; None if none is seen.
 
     prior: of the amplitude.
@@ -120,18 +122,18 @@ def find_wandering(frames: OwnColumns, courses: Courses, prior: float, runs: Run
     if not courses or len(runs) < LAW.fewest_runs:
         return None
     priors = prior * np.asarray(LAW.prior_sizes)
-    along = {time: frames.along(roots) for time, roots in courses.items()}
-    evidence = {time: item.evidence(runs) for time, item in along.items()}
+    combined = {time: frames.combined(roots) for time, roots in courses.items()}
+    evidence = {time: item.evidence(runs) for time, item in combined.items()}
     gains = {
         time: log_gains(item.score, item.information, priors) for time, item in evidence.items()
     }
     time = max(gains, key=lambda item: float(gains[item].max()))
-    gain, place = float(gains[time].max()), int(gains[time].argmax())
+    gain, index = float(gains[time].max()), int(gains[time].argmax())
     if gain <= 0.0:
         return None
-    std, roots = LAW.prior_sizes[place], courses[time]
+    std, roots = LAW.prior_sizes[index], courses[time]
     coefficients = evidence[time].estimate(prior * std)[0]
-    of_run = along[time].of_run
+    of_run = combined[time].of_run
     course = np.concatenate([roots[which] @ coefficients[of_run[which]] for which in runs])
     return Swing(
         period=time,
@@ -139,7 +141,7 @@ def find_wandering(frames: OwnColumns, courses: Courses, prior: float, runs: Run
         modulation=CONSTANT,
         size=float(np.sqrt(np.mean(course**2))) / prior,
         size_std=0.0,
-        left_out_gain=along[time].left_out_gain(runs, prior * std) - LAW.least_gain,
+        left_out_gain=combined[time].left_out_gain(runs, prior * std) - LAW.least_gain,
         factors=[prior * root for root in roots],
         std=std,
         periodic=False,
@@ -151,12 +153,12 @@ def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
 
     All runs have equally many columns: the directions of largest variance.
     """
-    each = min(DIRECTIONS, *(item.size for item in seconds))
+    count = min(DIRECTIONS, *(item.size for item in seconds))
     roots = []
     for item in seconds:
         covariance = np.exp(-np.abs(item[:, None] - item[None]) / time)
         variances, axes = scipy.linalg.eigh(
-            covariance, subset_by_index=(item.size - each, item.size - 1)
+            covariance, subset_by_index=(item.size - count, item.size - 1)
         )
         roots.append((axes * np.sqrt(np.maximum(variances, 0.0)))[:, ::-1])
     return roots
@@ -186,31 +188,33 @@ def waves_of(seconds: Sequence[Array], sizes: Sequence[Array], periods: Array) -
 
 
 def swing_evidence(
-    everything: Evidence, seconds: Sequence[Array], sizes: Sequence[Array], periods: Array
+    frame_evidence: Evidence, seconds: Sequence[Array], sizes: Sequence[Array], periods: Array
 ) -> Evidence:
     """Return the evidence for waves of every run at many periods, (periods, 2 runs), etc."""
     ends = np.cumsum([0, *(item.size for item in seconds)])
-    own = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
+    run_frames = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
     waves = waves_of(seconds, sizes, periods)
     columns, runs = 2 * len(waves), range(len(waves))
     score = np.empty((periods.size, columns))
     information = np.empty((periods.size, columns, columns))
     for which in runs:
-        into = slice(2 * which, 2 * which + 2)
+        columns_of_run = slice(2 * which, 2 * which + 2)
         wave = waves[which]
-        score[:, into] = np.einsum('fpi,f->pi', wave, everything.score[own[which]])
-        with_all = everything.information[:, own[which]] @ wave.reshape(len(wave), -1)
+        score[:, columns_of_run] = np.einsum(
+            'fpi,f->pi', wave, frame_evidence.score[run_frames[which]]
+        )
+        with_all = frame_evidence.information[:, run_frames[which]] @ wave.reshape(len(wave), -1)
         with_all = with_all.reshape(-1, *wave.shape[1:])
         for other in runs:
             rows = slice(2 * other, 2 * other + 2)
-            information[:, rows, into] = np.einsum(
-                'fpi,fpj->pij', waves[other], with_all[own[other]]
+            information[:, rows, columns_of_run] = np.einsum(
+                'fpi,fpj->pij', waves[other], with_all[run_frames[other]]
             )
     return Evidence(score=score, information=information)
 
 
 def refine_period(
-    everything: Evidence,
+    frame_evidence: Evidence,
     seconds: Sequence[Array],
     sizes: Sequence[Array],
     period: float,
@@ -220,7 +224,7 @@ def refine_period(
     """Return the most probable period (s) near one, and its standard error."""
     spacing = abs(1.0 / periods[1] - 1.0 / periods[0])
     frequencies = 1.0 / period + spacing * np.linspace(-1.0, 1.0, 41)
-    swings = swing_evidence(everything, seconds, sizes, 1.0 / frequencies)
+    swings = swing_evidence(frame_evidence, seconds, sizes, 1.0 / frequencies)
     gains = log_gains(swings.score, swings.information, [std])[:, 0]
     weights = np.exp(gains - gains.max())
     weights /= weights.sum()

@@ -106,10 +106,10 @@ def ranked_choices(
 
 def separations(inner: Array) -> Array:
     """Return chi squared (n, n + 1) between each pair of effects, and between each and none."""
-    own = np.diag(inner)
-    explained = inner**2 / np.maximum(own, 1e-300)[None, :]
-    separation = np.maximum(own[:, None] - explained, 0.0)
-    return np.column_stack([separation, own])
+    diagonal = np.diag(inner)
+    explained = inner**2 / np.maximum(diagonal, 1e-300)[None, :]
+    separation = np.maximum(diagonal[:, None] - explained, 0.0)
+    return np.column_stack([separation, diagonal])
 
 
 def pair_divergences(
@@ -124,9 +124,9 @@ def pair_divergences(
     squares (n,): expected square of each size; gained (n, n + 1): chi squared per squared size
     added by an experiment, as in `separations`.
     """
-    worth = 0.5 * np.log1p(squares[:, None] * gained)
-    divergence = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}
+    gains = 0.5 * np.log1p(squares[:, None] * gained)
+    divergence = {(name, NOTHING): float(gains[index, -1]) for index, name in enumerate(names)}
     for first, second in itertools.combinations(range(len(names)), 2):
-        both = 0.5 * (worth[first, second] + worth[second, first])
-        divergence[names[first], names[second]] = float(both)
+        mean = 0.5 * (gains[first, second] + gains[second, first])
+        divergence[names[first], names[second]] = float(mean)
     return divergence

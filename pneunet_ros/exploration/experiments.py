@@ -35,8 +35,8 @@ def experiments() -> Iterator[Experiment]:
     yield Experiment(
         words='without a load, pressure repeatedly up and down, first in 2 s, then in 6 s',
         corners=tuple(
-            (time, 0.9 * (place % 2) + 0.05, 0, 0)
-            for place, time in enumerate((0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 21, 24))
+            (time, 0.9 * (index % 2) + 0.05, 0, 0)
+            for index, time in enumerate((0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 21, 24))
         ),
     )
     for (x, y), words in DIRECTIONS:

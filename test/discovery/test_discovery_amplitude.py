@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Columns, left_out_gains, OwnColumns, Projection
+from pneunet_ros.discovery.amplitude import Columns, left_out_gains, PerRunColumns, Projection
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
@@ -98,7 +98,7 @@ def test_frames_by_themselves_add_up_to_a_law():
     factors = [np.random.default_rng(which).standard_normal((FRAMES, 2)) for which in EVERY]
     columns = columns_of(gaussian, fields, factors)
     blocks = [SimpleNamespace(white_by_frame=lambda item: block_diag(*item))] * RUNS
-    frames = OwnColumns.of_frames(columns.projection, SimpleNamespace(blocks=blocks), fields)
+    frames = PerRunColumns.of_frames(columns.projection, SimpleNamespace(blocks=blocks), fields)
     for runs in (EVERY, (1, 3)):
         kept = np.concatenate([factors[which] * float(which in runs) for which in EVERY])
         along, directly = frames.evidence(runs), columns.evidence(runs)
@@ -191,7 +191,7 @@ def searched(seed: int, course, runs: int, find):
         residuals.append((field * amplitude[:, None]).ravel() + noise)
     gaussian = GaussianModel.of(columns, residuals, np.zeros(BASE))
     blocks = [SimpleNamespace(white_by_frame=lambda item: block_diag(*item))] * runs
-    frames = OwnColumns.of_frames(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
+    frames = PerRunColumns.of_frames(Projection(gaussian), SimpleNamespace(blocks=blocks), fields)
     same = {'values': (np.ones(TIMES.size),) * runs, 'scale': 1.0}
     time = Covariate(name='t', values=(TIMES,) * runs, scale=float(TIMES[-1]))
     known = {'1': Covariate(name='1', **same), 't': time}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.discovery.covariates import MEANINGS
 from pneunet_ros.discovery.kinds import KINDS
-from pneunet_ros.discovery.library_words import is_said_by, LIBRARY_WORDS
+from pneunet_ros.discovery.library_words import is_equivalent_to, LIBRARY_WORDS
 from pneunet_ros.effects import EFFECTS
 import pytest
 
@@ -38,5 +38,5 @@ def test_every_effect_that_may_be_named_has_words_that_a_discovery_has():
     ],
 )
 def test_what_says_what(kind, terms, name, said):
-    assert is_said_by(kind, terms, [name]) is said
-    assert is_said_by(kind, terms, ['camera_delay', name]) is said
+    assert is_equivalent_to(kind, terms, [name]) is said
+    assert is_equivalent_to(kind, terms, ['camera_delay', name]) is said
