@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.calibration.checks.left_out import LeftOutLevels
+from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis

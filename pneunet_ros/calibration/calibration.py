@@ -26,12 +26,12 @@ from pneunet_ros.calibration.checks.consistency import (
 )
 from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, FramesInMotion
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
-from pneunet_ros.calibration.checks.left_out import (
+from pneunet_ros.calibration.checks.left_out_levels import (
     leave_levels_out,
-    leave_recordings_out,
     LEFT_OUT,
     LeftOutLevels,
 )
+from pneunet_ros.calibration.checks.left_out_recordings import leave_recordings_out
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
     describe_nonuniformity,

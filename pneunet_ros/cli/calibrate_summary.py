@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.checks.left_out import LeftOutLevels
+from pneunet_ros.calibration.checks.left_out_levels import LeftOutLevels
 from pneunet_ros.calibration.checks.stiffness_variation import StiffnessVariation
 from pneunet_ros.calibration.target_row import target_row
 from pneunet_ros.cli import verb

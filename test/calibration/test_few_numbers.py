@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.calibration.checks.left_out import interpolated
+from pneunet_ros.calibration.checks.left_out_levels import interpolated
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.diagnosis import diagnose, with_tips

@@ -1,14 +1,8 @@
-"""Fits without some pressures, or without one loaded recording, compared with the whole fit.
+"""Cross-validation of a calibration with few numbers: fits without some pressures.
 
-Cross-validation over pressures of a calibration with few numbers uses two baselines without a rod
-model: an arc of the length of the arm whose curvature is interpolated over the pressure, and plain
-interpolation of the tip. It is reported if these do as well.
-
-Two fits, with and without a part, should differ by as much as that part reduces the covariance. A
-model error, or a wrongly stated load, makes them differ by more. This excess is added to the
-covariance (jackknife).
-
-Source: Efron and Stein, Ann. Statist. 9 (1981).
+Two baselines without a rod model predict the same pressures: an arc of the length of the arm whose
+curvature is interpolated over the pressure, and plain interpolation of the tip. It is reported if
+these do as well.
 """
 
 from __future__ import annotations
@@ -19,10 +13,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.calibration.checks.left_out_recordings import jackknife_excess
 from pneunet_ros.calibration.first_curvature import arc_curvature, tip_turns
-from pneunet_ros.calibration.low_rank import jacobian_at, run_inputs
+from pneunet_ros.calibration.low_rank import jacobian_at
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.settings import tuning
@@ -136,33 +130,37 @@ def leave_levels_out(
     inner = [index for index in range(1, count - 1) if known[part == index].any()]
     if len(inner) < LEFT_OUT.fewest - 2:
         return None
-    bend = turn / arm.reach
+    curvature = turn / arm.reach
     if not is_angle:
         points = np.concatenate([run.x + 1j * run.y for run in runs])
-        bend = arc_curvature(points * np.exp(-1j * arm.clamp_angle), arm.target_arclength)
+        curvature = arc_curvature(points * np.exp(-1j * arm.clamp_angle), arm.target_arclength)
     errors: dict[str, list[Array]] = {'model': [], 'arc': [], 'interpolation': []}
-    moved, expected, changes = 0.0, 0.0, list[Array]()
+    squared_change, expected, changes = 0.0, 0.0, list[Array]()
     for index in inner:
-        out, kept = known & (part == index), known & (part != index)
+        is_left_out, kept = known & (part == index), known & (part != index)
         fitted = refit(without_frames(runs, part == index))
-        at, there = pressure[out], measured[out]
+        pressure_out, measured_out = pressure[is_left_out], measured[is_left_out]
         changes.append(fitted.values - full.values)
-        predicted, before = (tip_of(fit, at)[is_angle] for fit in (fitted, full))
-        arc = interpolated(pressure[kept], bend[kept], at)
+        predicted, full_prediction = (
+            tip_of(fit, pressure_out)[is_angle] for fit in (fitted, full)
+        )
+        arc = interpolated(pressure[kept], curvature[kept], pressure_out)
         if is_angle:
-            off = heading_residual(turn[out], predicted.real - arm.clamp_angle)
-            left = off, there - arc * arm.reach
+            heading_error = heading_residual(turn[is_left_out], predicted.real - arm.clamp_angle)
+            predicted_errors = heading_error, measured_out - arc * arm.reach
         else:
-            left = there - predicted, there - arc_tip(arm, arc)
-        plain = there - interpolated(pressure[kept], measured[kept], at)
-        for name, error in zip(errors, (*left, plain), strict=True):
+            predicted_errors = measured_out - predicted, measured_out - arc_tip(arm, arc)
+        interpolation_error = measured_out - interpolated(
+            pressure[kept], measured[kept], pressure_out
+        )
+        for name, error in zip(errors, (*predicted_errors, interpolation_error), strict=True):
             errors[name].append(np.abs(error))
-        moved += float(np.sum(np.abs(predicted - before) ** 2))
-        expected += tip_variance(full, at, is_angle=is_angle)
+        squared_change += float(np.sum(np.abs(predicted - full_prediction) ** 2))
+        expected += tip_variance(full, pressure_out, is_angle=is_angle)
     rms = {name: float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for name, e in errors.items()}
     if not all(math.isfinite(value) for value in rms.values()):
         return None
-    changed = math.sqrt(moved / expected) if expected > 0.0 else 1.0
+    changed = math.sqrt(squared_change / expected) if expected > 0.0 else 1.0
     return LeftOutLevels(
         levels=len(inner),
         changed=changed,
@@ -179,9 +177,9 @@ def parts_of(pressure: Array, most: int) -> Array:
     """
     low, span = float(pressure.min()), float(np.ptp(pressure)) or 1.0
     order = np.sort(pressure)
-    gaps = order[1:][np.diff(order) > span / (5.0 * most)]
-    if 2 <= gaps.size < most:
-        return np.asarray(np.searchsorted(gaps, pressure, side='right'))
+    borders = order[1:][np.diff(order) > span / (5.0 * most)]
+    if 2 <= borders.size < most:
+        return np.asarray(np.searchsorted(borders, pressure, side='right'))
     return np.minimum(((pressure - low) / span * most).astype(np.int64), most - 1)
 
 
@@ -202,13 +200,15 @@ def interpolated(pressure: Array, values: Array, at: Array) -> Array:
         x, y = (interpolated(pressure, part, at) for part in (values.real, values.imag))
         return x + 1j * y
     step = SAME_LEVEL * float(np.ptp(pressure)) or 1.0
-    levels, which = np.unique(np.round(pressure / step), return_inverse=True)
-    mean = np.bincount(which, values) / np.bincount(which)
-    places = np.bincount(which, pressure) / np.bincount(which)
+    levels, level_of = np.unique(np.round(pressure / step), return_inverse=True)
+    mean = np.bincount(level_of, values) / np.bincount(level_of)
+    mean_pressures = np.bincount(level_of, pressure) / np.bincount(level_of)
     if levels.size == 1:
         return np.full(at.shape, mean[0])
     return np.asarray(
-        scipy.interpolate.PchipInterpolator(places, mean)(np.clip(at, places[0], places[-1]))
+        scipy.interpolate.PchipInterpolator(mean_pressures, mean)(
+            np.clip(at, mean_pressures[0], mean_pressures[-1])
+        )
     )
 
 
@@ -247,74 +247,12 @@ def tip_variance(fit: Fit, pressure: Array, *, is_angle: bool) -> float:
     inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
     jacobian = jacobian_at(fit, inputs, arm.target_arclength[[0, -1]]).reshape(-1, 2, 2, size)
     if is_angle:
-        moved = np.einsum('fij,jk,fik->', jacobian[:, :, 1], fit.covariance, jacobian[:, :, 1])
-        return float(moved) / (0.5 * arm.reach) ** 2
+        variance = np.einsum('fij,jk,fik->', jacobian[:, :, 1], fit.covariance, jacobian[:, :, 1])
+        return float(variance) / (0.5 * arm.reach) ** 2
     model = ForwardModel(arm.target_arclength[[0, -1]])
     solved = model.solve(arm, inputs)
     placed = painted_tip(fit, model).jacobian()[solved, :, 0]  # (frames, 2, along and across)
-    whole = np.concatenate([jacobian[:, :, 1], placed], axis=2)
+    tip_jacobian = np.concatenate([jacobian[:, :, 1], placed], axis=2)
     rows = [*range(size), size + targets - 1, size + 2 * targets - 1]
     covariance = fit.shared_covariance[np.ix_(rows, rows)]
-    return float(np.einsum('fij,jk,fik->', whole, covariance, whole))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LeftOutRecordings:
-    """Changes of a fit when each of some recordings is left out.
-
-    changed: tip displacement in the recording left out, relative to its standard error; excess
-    (parameters, recordings): columns added to the covariance if that is larger than 1.
-    """
-
-    recordings: int
-    changed: float
-    excess: Array
-
-    @property
-    def sentences(self) -> list[str]:
-        """Describe the changes for users if they exceed the stated errors."""
-        if not self.excess.any():
-            return []
-        return [
-            Note(
-                f'{self.recordings} loaded recordings were left out of the fit in turn. This '
-                f'moves the tip by {self.changed:.2g} times its standard error, so the standard '
-                'errors were widened. Check the loads (--end-load, --wrench-sign), then run '
-                'pneunet diagnose to find a model error',
-                reason='left_out_recordings',
-            )
-        ]
-
-
-def leave_recordings_out(full: Fit, without: Sequence[Fit]) -> LeftOutRecordings | None:
-    """Compare a fit with fits that leave out one recording each; None if impossible."""
-    moved, expected, changes = 0.0, 0.0, list[Array]()
-    tip = np.array([0.0, full.arm.reach])
-    for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):
-        inputs = run_inputs(left_out, EXPERIMENTS.covariance_frames)
-        points, both = [], np.ones(len(inputs.pressure), dtype=np.bool_)
-        for fit in (full, fitted):
-            model = ForwardModel(tip)
-            both &= model.solve(fit.arm, inputs)
-            points.append(model.points[:, :, -1])
-        moved += float(np.sum((points[1] - points[0])[both] ** 2))
-        jacobian = jacobian_at(full, inputs.subset(np.flatnonzero(both)), tip)
-        more = fitted.covariance - full.covariance
-        expected += max(float(np.einsum('ij,jk,ik->', jacobian, more, jacobian)), 0.0)
-        changes.append(fitted.values - full.values)
-    if not expected > 0.0:
-        return None
-    changed = math.sqrt(moved / expected)
-    excess = jackknife_excess(changed, changes)
-    return LeftOutRecordings(recordings=len(without), changed=changed, excess=excess)
-
-
-def jackknife_excess(changed: float, changes: Sequence[Array]) -> Array:
-    """Return the columns (parameters, parts) to be added to the covariance of a fit.
-
-    changed: change of the prediction relative to its standard error; changes (parameters,): of the
-    fit without each part.
-    """
-    count = len(changes)
-    more = max(1.0 - 1.0 / max(changed, 1.0) ** 2, 0.0) * (count - 1) / count
-    return math.sqrt(more) * np.column_stack(changes)
+    return float(np.einsum('fij,jk,fik->', tip_jacobian, covariance, tip_jacobian))
