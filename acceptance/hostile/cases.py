@@ -11,7 +11,7 @@ import struct
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 from pneunet_ros.messages.readings import PRESSURE_TYPE
-from pneunet_ros.recordings.mcap_file import MAGIC
+from pneunet_ros.recordings.mcap_records import MAGIC
 from pneunet_ros.recordings.message_store import jazzy
 import zstandard
 

@@ -21,12 +21,8 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.bag_folder import FOLDER_FILES, METADATA
-from pneunet_ros.recordings.mcap_file import (
-    LATEST_LOG_TIME,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    write_checksums,
-)
+from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME
+from pneunet_ros.recordings.mcap_records import MESSAGE_HEAD, RECORD_HEAD, write_checksums
 from pneunet_ros.recordings.message_store import IDL_HEAD, ROSBAGS_TYPES, serialize, store_for
 from pneunet_ros.recordings.recording import RecordedTopic
 from rosbags.interfaces import (

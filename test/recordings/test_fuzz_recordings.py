@@ -17,7 +17,7 @@ from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE, targets_message, WRENCH_TYPE
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.limits import LIMITS
-from pneunet_ros.recordings.mcap_file import chunk_content
+from pneunet_ros.recordings.mcap_records import chunk_content
 from pneunet_ros.recordings.message_store import (
     deserialize,
     IDL_HEAD,

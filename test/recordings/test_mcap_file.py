@@ -14,7 +14,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.recordings import mcap_file
-from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap, read_block
+from pneunet_ros.recordings.mcap_file import open_mcap, read_block
+from pneunet_ros.recordings.mcap_records import MAGIC
 from pneunet_ros.recordings.recording import open_recording
 import pytest
 from support.made_recordings import PRESSURE, WRENCH, write_by_mcap, write_readings
