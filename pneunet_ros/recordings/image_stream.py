@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.core.image import Image
+from pneunet_ros.core.errors import PneunetError, RequestError
+from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.files.camera_file import load_camera_info
+from pneunet_ros.recordings.file_kinds import NO_LENS
 from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.vision.camera.camera_model import Lens
+
+LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # in the folder of the images
+RATES = (1e-3, 1e5)  # Hz
+IMAGE_TOPIC = '/pneunet/image_raw'
+CAMERA_FRAME = 'camera'
 
 
 class StreamItem(NamedTuple):
@@ -30,8 +39,8 @@ class StreamItem(NamedTuple):
 class ImageStream:
     """A source of images that can be read.
 
-    `read(others)` yields image and camera_info, and of a recording also the topics named in
-    `others`, in log time order; of equal log times camera_info comes first. `image_topic`: real or
+    `read(other_topics)` yields image and camera_info, and of a recording also these topics, in log
+    time order; of equal log times camera_info comes first. `image_topic`: real or
     nominal name of the image topic; `lens_source`: source of the lens. `frames`: expected number
     of images; `clock`: description of the source of their stamps.
     """
@@ -72,3 +81,69 @@ def with_lens(items: Iterator[StreamItem], lens: Lens | None) -> Iterator[Stream
             given = ideal_lens(image.width, image.height) if lens is None else lens
             yield StreamItem(item.log_time_ns, '', given, b'')
         yield item
+
+
+def stamp_at(index: int, rate: float) -> int:
+    """Return the stamp (ns) of a frame; the first one is 1, as 0 means none."""
+    return 1 + round(index * NANOSECONDS_PER_SECOND / rate)
+
+
+def checked_rate(rate: float | None) -> float | None:
+    """Return the requested frames per second; RequestError if invalid."""
+    if rate is not None and not RATES[0] <= rate <= RATES[1]:
+        raise RequestError(
+            f'a rate of {rate} Hz is not possible: it must be from {RATES[0]} to {RATES[1]} Hz',
+            reason='out_of_bounds',
+        )
+    return rate
+
+
+def counted_clock(rate: float) -> str:
+    """Describe stamps that count the frames at a rate (Hz)."""
+    return f'frames counted, {rate:g} a second'
+
+
+def image_of(pixels: Bytes, stamp_ns: int) -> Image:
+    """Return decoded pixels, (height, width) grey or (height, width, 3) bgr, as an image."""
+    height, width = pixels.shape[:2]
+    colored = pixels.ndim == 3
+    return Image(
+        stamp_ns=stamp_ns,
+        frame_id=CAMERA_FRAME,
+        width=width,
+        height=height,
+        step=3 * width if colored else width,
+        encoding='bgr8' if colored else 'mono8',
+        data=np.ascontiguousarray(pixels).reshape(-1),
+    )
+
+
+def stream_of_file(
+    kind: str,
+    path: Path,
+    items: Callable[[], Iterator[StreamItem]],
+    camera_info: str | None,
+    frames: int,
+    clock: str,
+) -> ImageStream:
+    """Return the stream of a video or folder with its lens; RequestError without a lens."""
+    if camera_info is None:
+        raise RequestError(
+            f'{path} has no camera calibration: give --camera-info FILE.yaml (as made by '
+            f'camera_calibration) or --camera-info {NO_LENS} (images without distortion)'
+            + ('' if path.is_file() else f', or put {" or ".join(LENS_FILES)} into the folder'),
+            reason='no_camera_info',
+        )
+    lens = None if camera_info == NO_LENS else load_camera_info(Path(camera_info))
+
+    def read(_other_topics: Collection[str]) -> Iterator[StreamItem]:
+        return with_lens(items(), lens)
+
+    return ImageStream(
+        kind=kind,
+        image_topic=IMAGE_TOPIC,
+        lens_source=camera_info,
+        frames=frames,
+        clock=clock,
+        read=read,
+    )

@@ -1,0 +1,103 @@
+"""Images from a folder of image files, at a given rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import re
+
+import numpy as np
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.image import Bytes, eight_bits, Image
+from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
+from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, PICTURES
+from pneunet_ros.recordings.image_stream import (
+    checked_rate,
+    counted_clock,
+    image_of,
+    IMAGE_TOPIC,
+    ImageStream,
+    LENS_FILES,
+    stamp_at,
+    stream_of_file,
+    StreamItem,
+)
+
+LARGEST_PICTURE = 200_000_000  # bytes; a tiff of 64 megapixels and 3 channels has as many
+
+
+def picture_files(folder: Path) -> list[Path]:
+    """List the images of a folder in natural order: 2 before 10."""
+    files = [
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() in PICTURES and not file.name.startswith('.')
+    ]
+    return sorted(files, key=_natural)
+
+
+def _natural(file: Path) -> tuple[tuple[int, int, str], ...]:
+    parts = re.split(r'([0-9]+)', file.name)
+    return tuple((1, int(part), part) if part.isdigit() else (0, 0, part) for part in parts)
+
+
+def folder_images(
+    folder: Path, camera_info: str | None, rate: float | None, *, colored: bool = False
+) -> ImageStream:
+    """Read a folder of images in natural order of their names, `rate` (30) per second.
+
+    camera_info: file with the lens, or 'none'; None: a camera_info.yaml or ost.yaml in the folder;
+    colored: read colors instead of brightness. Raises RecordingError without images and
+    RequestError without a lens.
+    """
+    files = picture_files(folder)
+    if not files:
+        raise RecordingError(
+            f'{folder} contains neither a recording (metadata.yaml) nor images '
+            f'({", ".join(PICTURES)})',
+            reason='no_images',
+        )
+    if camera_info is None:
+        lens_files = [folder / name for name in LENS_FILES if (folder / name).is_file()]
+        camera_info = str(lens_files[0]) if lens_files else None
+    used = checked_rate(rate) or FOLDER_RATE
+
+    def items() -> Iterator[StreamItem]:
+        for index, file in enumerate(files):
+            stamp_ns = stamp_at(index, used)
+            yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns, colored), b'')
+
+    return stream_of_file(
+        'folder of images', folder, items, camera_info, len(files), counted_clock(used)
+    )
+
+
+def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
+    try:
+        with open_regular(file) as stream:
+            content = stream.read(LARGEST_PICTURE + 1)
+        if len(content) > LARGEST_PICTURE:
+            raise MessageError(
+                f'it has more than {LARGEST_PICTURE // 10**6} MB', reason='too_large'
+            )
+        data = np.frombuffer(content, np.uint8)
+        decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
+        return image_of(decode(data, colored=colored), stamp_ns)
+    except MessageError as error:
+        return MessageError(f'{file}: {error}', reason=error.reason)
+    except OSError as error:
+        return MessageError(f'{file} cannot be read: {error.strerror}', reason='unreadable')
+
+
+def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
+    """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
+    grey, complaint = decode_heard(data, colored=colored)
+    if grey is None or complaint:  # OpenCV also decodes a damaged tiff
+        raise MessageError('it is not an image, or it is damaged', reason='damaged')
+    if grey.dtype not in (np.uint8, np.uint16):
+        raise MessageError(
+            f'an image of {grey.dtype} cannot be read, only images with 8 or 16 bits per channel',
+            reason='not_supported',
+        )
+    return eight_bits(grey)
