@@ -51,23 +51,23 @@ def predict_frame(
     target.
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
-    behind = int(np.searchsorted(stamps, shown_ns))
-    near = slice(max(behind - NEIGHBORS, 0), behind + NEIGHBORS)
-    estimates, stamps = estimates[near], stamps[near]
+    after = int(np.searchsorted(stamps, shown_ns))
+    around = slice(max(after - NEIGHBORS, 0), after + NEIGHBORS)
+    estimates, stamps = estimates[around], stamps[around]
     nearest = estimates[int(np.argmin(np.abs(stamps - shown_ns)))]
     curved = nearest.second_order
     assert nearest.noise is not None and curved is not None
     predicted = predict_targets(estimator.table, nearest.noise, curved)
     if len(estimates) < 2:
         return in_motion(estimator, predicted, [nearest], [1.0], nearest)
-    before, share = place_between(shown_ns, stamps)
-    pair, shares = estimates[before : before + 2], (1.0 - share, share)
-    moved = np.zeros((2, predicted.x.size))
+    before, fraction = place_between(shown_ns, stamps)
+    pair, shares = estimates[before : before + 2], (1.0 - fraction, fraction)
+    displacement = np.zeros((2, predicted.x.size))
     for estimate, weight in zip(pair, shares, strict=True):
         if estimate is not nearest and weight > 0.0:
             assert estimate.curved is not None
-            there = seen_targets(estimator.arm, estimate.curved.sensitivity)
-            moved += weight * (np.array(there) - [predicted.x, predicted.y])
+            targets = seen_targets(estimator.arm, estimate.curved.sensitivity)
+            displacement += weight * (np.array(targets) - [predicted.x, predicted.y])
     wrench_ns, wrench = wrenches_of(estimates)
     size = np.ones(len(predicted.errors))
     std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
@@ -82,18 +82,18 @@ def predict_frame(
         explained_changes(std),
         predicted.errors,
         predicted.by_load,
-        moved,
+        displacement,
         size,
     )
     if distance**2 > estimator.arm.length * estimator.arm.sensors.target_std:
         return None
-    still = replace(
+    at_rest = replace(
         predicted,
-        x=predicted.x + moved[0],
-        y=predicted.y + moved[1],
+        x=predicted.x + displacement[0],
+        y=predicted.y + displacement[1],
         errors=size[:, None, None] * predicted.errors,
     )
-    return in_motion(estimator, still, pair, shares, nearest)
+    return in_motion(estimator, at_rest, pair, shares, nearest)
 
 
 @kernel
@@ -108,22 +108,22 @@ def move_to_frame(
     least: Array,
     errors: Array,
     by_load: Array,
-    moved: Array,
+    displacement: Array,
     size: Array,
 ) -> float:
-    """Move predicted targets to a frame between readings; returns how far the tip strayed, m.
+    """Move predicted targets to a frame between readings; returns the motion (m) of the tip.
 
     stamps (estimates,) ns, with chamber (estimates, 1) Pa; wrench_ns (wrenches,), with wrench
     (wrenches, 3) N, N m; used (3,): the load on the line between the estimates; std (4,): one
     sigma of a reading; least (4,): as of `explained_changes`; errors, by_load: as of
-    PredictedTargets. moved (2, targets) m gets what the
-    load read at the frame adds; size (sources,) becomes the size of each error. What is returned
-    is the larger of how far linear interpolation may be wrong, and how far the tip has gone.
+    PredictedTargets. Adds the effect of the load read at the frame to displacement (2, targets) m,
+    and fills size (sources,), the size of each error. The result is the larger of the error of
+    linear interpolation and the displacement of the tip.
     """
     loads, pressure = np.empty((4, LOADS)), np.empty((4, 1))
     line_between(shown_ns, wrench_ns, wrench, least[:LOADS].copy(), loads)
     line_between(shown_ns, stamps, chamber, least[LOADS:].copy(), pressure)
-    last = moved.shape[1] - 1
+    last = displacement.shape[1] - 1
     error_x, error_y = 0.0, 0.0
     for source in range(LOADS + 1):
         line = loads[:, source] if source < LOADS else pressure[:, 0]
@@ -134,9 +134,11 @@ def move_to_frame(
     for axis in range(2):
         for target in range(last + 1):
             for i in range(LOADS):
-                beyond = loads[VALUE, i] - used[i]
-                moved[axis, target] += beyond * by_load[i, axis, target]
-    return max(math.hypot(error_x, error_y), math.hypot(moved[0, last], moved[1, last]))
+                load_change = loads[VALUE, i] - used[i]
+                displacement[axis, target] += load_change * by_load[i, axis, target]
+    return max(
+        math.hypot(error_x, error_y), math.hypot(displacement[0, last], displacement[1, last])
+    )
 
 
 def in_motion(
@@ -164,7 +166,7 @@ def in_motion(
         for moves in (nearest.motion.errors(places), nearest.motion.shapes(places))
     )
     late = late_parts(predicted.errors[: PRESSURE + 1], shapes)
-    return predicted.moved(*see(deviation[0], deviation[1]), np.concatenate([errors, late]))
+    return predicted.displaced(*see(deviation[0], deviation[1]), np.concatenate([errors, late]))
 
 
 def load_of(estimate: ShapeEstimate) -> Array:

@@ -87,7 +87,12 @@ class ChainFrame(NamedTuple):
 
 @inner
 def energy_of(
-    angles: Array, frame: ChainFrame, share: float, gradient: Array, diagonal: Array, beside: Array
+    angles: Array,
+    frame: ChainFrame,
+    share: float,
+    gradient: Array,
+    diagonal: Array,
+    off_diagonal: Array,
 ) -> float:
     """Return the energy (J) of the chain; fills its gradient and tridiagonal Hessian.
 
@@ -119,30 +124,30 @@ def energy_of(
         gradient[j + 1] += moment
         diagonal[j] += stiffness
         diagonal[j + 1] += stiffness
-        beside[j] = -stiffness
+        off_diagonal[j] = -stiffness
     for i in range(count):
         sine, cosine = math.sin(angles[i + 1]), math.cos(angles[i + 1])
         n1, n2 = force_x + share * line[i, 0], force_y + share * line[i, 1]
-        along, across = n1 * cosine + n2 * sine, n2 * cosine - n1 * sine
-        strain = axial * along
+        axial_force, transverse = n1 * cosine + n2 * sine, n2 * cosine - n1 * sine
+        strain = axial * axial_force
         length = 1.0 + rest[i] + strain * (1.0 + growth * strain)
-        energy -= h * along * (1.0 + rest[i] + strain * (0.5 + growth * strain / 3.0))
-        gradient[i + 1] -= h * length * across
+        energy -= h * axial_force * (1.0 + rest[i] + strain * (0.5 + growth * strain / 3.0))
+        gradient[i + 1] -= h * length * transverse
         slope = axial * (1.0 + 2.0 * growth * strain)
-        diagonal[i + 1] += h * (length * along - slope * across * across)
+        diagonal[i + 1] += h * (length * axial_force - slope * transverse * transverse)
     sine, cosine = math.sin(angles[count + 1]), math.cos(angles[count + 1])
-    along, across = force_x * cosine + force_y * sine, force_y * cosine - force_x * sine
-    energy -= numbers[8] * across + numbers[9] * along + end_moment * angles[count + 1]
-    gradient[count + 1] += numbers[8] * along - numbers[9] * across - end_moment
-    diagonal[count + 1] += numbers[8] * across + numbers[9] * along
+    axial_force, transverse = force_x * cosine + force_y * sine, force_y * cosine - force_x * sine
+    energy -= numbers[8] * transverse + numbers[9] * axial_force + end_moment * angles[count + 1]
+    gradient[count + 1] += numbers[8] * axial_force - numbers[9] * transverse - end_moment
+    diagonal[count + 1] += numbers[8] * transverse + numbers[9] * axial_force
     if numbers[2] > 0.0:
-        given = angles[0] - numbers[1]
-        harder = numbers[3] * given * given
-        energy += 0.5 * given * given / numbers[2] * (1.0 + 0.5 * harder)
-        gradient[0] += given / numbers[2] * (1.0 + harder)
-        diagonal[0] += (1.0 + 3.0 * harder) / numbers[2]
+        clamp_turn = angles[0] - numbers[1]
+        hardening = numbers[3] * clamp_turn * clamp_turn
+        energy += 0.5 * clamp_turn * clamp_turn / numbers[2] * (1.0 + 0.5 * hardening)
+        gradient[0] += clamp_turn / numbers[2] * (1.0 + hardening)
+        diagonal[0] += (1.0 + 3.0 * hardening) / numbers[2]
     else:
-        gradient[0], diagonal[0], beside[0] = 0.0, 1.0, 0.0
+        gradient[0], diagonal[0], off_diagonal[0] = 0.0, 1.0, 0.0
     return energy
 
 
@@ -154,21 +159,21 @@ def settle(angles: Array, frame: ChainFrame, share: float, work: Array) -> float
     the matrix change sign, so that the direction is always downhill.
     """
     size = angles.shape[0]
-    gradient, diagonal, beside, step, trial = work[0], work[1], work[2], work[3], work[4]
-    energy = energy_of(angles, frame, share, gradient, diagonal, beside)
+    gradient, diagonal, off_diagonal, step, trial = work[0], work[1], work[2], work[3], work[4]
+    energy = energy_of(angles, frame, share, gradient, diagonal, off_diagonal)
     load = frame.load
     floor = 1e-3 * min(load[0], load[1]) / (frame.numbers[0] * frame.rest.shape[0])
     largest = math.inf
     for _ in range(MOST_STEPS):
         diagonal[0] = max(abs(diagonal[0]), floor)
         for i in range(1, size):
-            ratio = beside[i - 1] / diagonal[i - 1]
-            diagonal[i] = max(abs(diagonal[i] - ratio * beside[i - 1]), floor)
+            ratio = off_diagonal[i - 1] / diagonal[i - 1]
+            diagonal[i] = max(abs(diagonal[i] - ratio * off_diagonal[i - 1]), floor)
             gradient[i] -= ratio * gradient[i - 1]
         step[size - 1] = -gradient[size - 1] / diagonal[size - 1]
         largest = abs(step[size - 1])
         for i in range(size - 2, -1, -1):
-            step[i] = -(gradient[i] + beside[i] * step[i + 1]) / diagonal[i]
+            step[i] = -(gradient[i] + off_diagonal[i] * step[i + 1]) / diagonal[i]
             largest = max(largest, abs(step[i]))
         if not largest < 1e100:
             return math.inf
@@ -181,7 +186,7 @@ def settle(angles: Array, frame: ChainFrame, share: float, work: Array) -> float
         for _halving in range(20):
             for i in range(size):
                 trial[i] = angles[i] + reach * step[i]
-            lowered = energy_of(trial, frame, share, gradient, diagonal, beside)
+            lowered = energy_of(trial, frame, share, gradient, diagonal, off_diagonal)
             # What a very small step does to the energy cannot be told from rounding.
             if largest < NEAR or lowered <= energy + 1e-14 * abs(energy):
                 break
@@ -201,13 +206,13 @@ def equilibria(
     loads: Array,
     numbers: Array,
     angles: Array,
-    begun: bool,
+    has_start: bool,
 ) -> int:
     """Solve the frames in order, each from the previous one; returns how many were solved.
 
     turning and factor (frames, n + 1), rest (frames, n), line (frames, n, 2), loads (frames, 6);
-    fills angles (frames, n + 2), whose first row is the start if `begun`. A frame that cannot be
-    reached from the previous one is reached from the unloaded arm, by adding the load in steps.
+    fills angles (frames, n + 2), whose first row is the start if `has_start`. A frame that cannot
+    be reached from the previous one is reached from the unloaded arm, by adding the load in steps.
     """
     frames: int = angles.shape[0]
     size = angles.shape[1]
@@ -215,27 +220,27 @@ def equilibria(
     for f in range(frames):
         now = angles[f]
         frame = ChainFrame(turning[f], factor[f], rest[f], line[f], loads[f], numbers)
-        if f > 0 or begun:
+        if f > 0 or has_start:
             if f > 0:
                 for i in range(size):
                     now[i] = angles[f - 1, i]
             if numbers[2] <= 0.0:
                 now[0] = numbers[1]
-            left = settle(now, frame, 1.0, work)
-            if left < SETTLED:
+            last_step = settle(now, frame, 1.0, work)
+            if last_step < SETTLED:
                 continue
         now[0] = numbers[1]
         for i in range(size - 1):
             now[i + 1] = now[i] + turning[f, i]
-        left = settle(now, frame, 1.0, work)
-        if left < SETTLED:
+        last_step = settle(now, frame, 1.0, work)
+        if last_step < SETTLED:
             continue
         now[0] = numbers[1]
         for i in range(size - 1):
             now[i + 1] = now[i] + turning[f, i]
         for k in range(LOAD_STEPS):
             share = (k + 1.0) / LOAD_STEPS
-            left = settle(now, frame, share, work)
-        if not left < SETTLED:
+            last_step = settle(now, frame, share, work)
+        if not last_step < SETTLED:
             return f
     return frames

@@ -19,7 +19,7 @@ from pneunet_ros.core.stamps import Stamps
 
 # Rows of `line_between`:
 VALUE, NOISE, MISSED, FURTHEST = range(4)
-NEVER = 1e-6  # share of the time between two readings in which nothing jumps
+NEVER = 1e-6  # fraction of the interval between two readings in which no value jumps
 SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
 
 
@@ -37,7 +37,7 @@ BETWEEN_READINGS = BetweenReadingsSettings()
 
 def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
     """Return values (stamps,) interpolated linearly at other stamps."""
-    first = stamp_ns[0]  # no float holds a stamp
+    first = stamp_ns[0]  # a float cannot hold a stamp
     return np.asarray(np.interp(shown - first, stamp_ns - first, values))
 
 
@@ -48,17 +48,17 @@ def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
     """
     if len(stamp_ns) < 2:
         return np.ones(len(shown))
-    _, share = places_between(shown, stamp_ns)
-    return np.asarray(np.hypot(1.0 - share, share))
+    _, fraction = places_between(shown, stamp_ns)
+    return np.asarray(np.hypot(1.0 - fraction, fraction))
 
 
 def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
     """Return the index of the reading before each stamp, and the fraction to the next, 0 to 1."""
     before = np.minimum(np.maximum(stamp_ns.searchsorted(shown), 1), len(stamp_ns) - 1) - 1
     start = stamp_ns[before]
-    apart = np.maximum(stamp_ns[before + 1] - start, 1)  # of one stamp: no line
-    share = np.minimum(np.maximum((shown - start) / apart, 0.0), 1.0)
-    return before, np.asarray(share)
+    interval = np.maximum(stamp_ns[before + 1] - start, 1)  # of one stamp: no line
+    fraction = np.minimum(np.maximum((shown - start) / interval, 0.0), 1.0)
+    return before, np.asarray(fraction)
 
 
 def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
@@ -71,11 +71,11 @@ def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
         return np.full(len(shown), float(len(shown)))
     before, _ = places_between(shown, stamp_ns)
     half = np.diff(stamp_ns)[before] // 2
-    around = np.minimum(np.maximum(shown, shown[0] + half), shown[-1] - half)
-    first, last = np.searchsorted(shown, [around - half, around + half])
-    at_end = around == shown[-1] - half  # where the window ends with the last frame
-    behind = np.searchsorted(shown, [around - half, around + half], side='right')
-    first, last = np.where(at_end, behind, [first, last])
+    center = np.minimum(np.maximum(shown, shown[0] + half), shown[-1] - half)
+    first, last = np.searchsorted(shown, [center - half, center + half])
+    at_last_frame = center == shown[-1] - half  # where the window ends with the last frame
+    after_window = np.searchsorted(shown, [center - half, center + half], side='right')
+    first, last = np.where(at_last_frame, after_window, [first, last])
     return np.asarray(np.maximum(last - first, 1), dtype=np.float64)
 
 
@@ -99,17 +99,19 @@ def interpolation_error(
     the first and after the last reading, the value is assumed to be constant; after the last, it
     may continue to change as before.
     """
-    out = np.zeros((len(shown), *values.shape[1:]))
+    errors = np.zeros((len(shown), *values.shape[1:]))
     if len(stamp_ns) < 2:
-        return out
-    before, share = places_between(shown, stamp_ns)
+        return errors
+    before, fraction = places_between(shown, stamp_ns)
     columns = frozen_array(values.reshape(len(stamp_ns), -1))
     least = np.empty(columns.shape[1])
     least[:] = explained_changes(np.asarray(noise), settings)
-    apart = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1).astype(np.float64)
-    late = np.maximum(shown - stamp_ns[-1], 0).astype(np.float64)
-    missed_by_lines(columns, apart, least, before, share, late, out.reshape(len(shown), -1))
-    return out
+    intervals = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1).astype(np.float64)
+    since_last = np.maximum(shown - stamp_ns[-1], 0).astype(np.float64)
+    missed_by_lines(
+        columns, intervals, least, before, fraction, since_last, errors.reshape(len(shown), -1)
+    )
+    return errors
 
 
 def explained_changes(noise: Array, settings: BetweenReadingsSettings = BETWEEN_READINGS) -> Array:
@@ -119,30 +121,36 @@ def explained_changes(noise: Array, settings: BetweenReadingsSettings = BETWEEN_
 
 def place_between(shown_ns: int, stamp_ns: Stamps) -> tuple[int, float]:
     """Return `places_between` of one stamp."""
-    places, shares = places_between(np.array([shown_ns]), stamp_ns)
-    return int(places[0]), float(shares[0])
+    places, fractions = places_between(np.array([shown_ns]), stamp_ns)
+    return int(places[0]), float(fractions[0])
 
 
 @kernel
 def missed_by_lines(
     values: Array,
-    apart: Array,
+    intervals: Array,
     least: Array,
     before: Stamps,
-    share: Array,
-    late: Array,
-    out: Array,
+    fraction: Array,
+    since_last: Array,
+    errors: Array,
 ) -> None:
-    """`interpolation_error` into out (shown, columns).
+    """`interpolation_error` into errors (shown, columns).
 
-    values (readings, columns), `apart` (readings - 1,) ns; least (columns,): square of a second
-    difference that noise explains; before, share (shown,): as from `places_between`; late (shown,)
-    ns: time after the last reading.
+    values (readings, columns), intervals (readings - 1,) ns; least (columns,): square of a second
+    difference that noise explains; before, fraction (shown,): as from `places_between`; since_last
+    (shown,) ns: time after the last reading.
     """
     for column in range(values.shape[1]):
         for frame in range(before.size):
-            out[frame, column] = missed_by_line(
-                values, apart, least[column], before[frame], share[frame], late[frame], column
+            errors[frame, column] = missed_by_line(
+                values,
+                intervals,
+                least[column],
+                before[frame],
+                fraction[frame],
+                since_last[frame],
+                column,
             )
 
 
@@ -155,85 +163,91 @@ def line_between(shown_ns: int, stamp_ns: Stamps, values: Array, least: Array, o
     FURTHEST, as of `furthest_error`.
     """
     count, columns = values.shape
-    here, part, late = 0, 0.0, 0.0
-    apart = np.ones(max(count - 1, 0))
+    before, fraction, since_last = 0, 0.0, 0.0
+    intervals = np.ones(max(count - 1, 0))
     for i in range(count - 1):
-        apart[i] = max(stamp_ns[i + 1] - stamp_ns[i], 1)
+        intervals[i] = max(stamp_ns[i + 1] - stamp_ns[i], 1)
         if i == 0 or stamp_ns[i] < shown_ns:
-            here = i
+            before = i
     if count > 1:
-        part = min(max((shown_ns - stamp_ns[here]) / apart[here], 0.0), 1.0)
-        late = max(shown_ns - stamp_ns[count - 1], 0) * 1.0
+        fraction = min(max((shown_ns - stamp_ns[before]) / intervals[before], 0.0), 1.0)
+        since_last = max(shown_ns - stamp_ns[count - 1], 0) * 1.0
     for column in range(columns):
-        out[VALUE, column], out[NOISE, column] = values[here, column], 1.0
+        out[VALUE, column], out[NOISE, column] = values[before, column], 1.0
         out[MISSED, column], out[FURTHEST, column] = 0.0, math.sqrt(3.0)
         if count > 1:
-            out[VALUE, column] += part * (values[here + 1, column] - values[here, column])
-            out[NOISE, column] = math.hypot(1.0 - part, part)
+            out[VALUE, column] += fraction * (values[before + 1, column] - values[before, column])
+            out[NOISE, column] = math.hypot(1.0 - fraction, fraction)
             out[MISSED, column] = missed_by_line(
-                values, apart, least[column], here, part, late, column
+                values, intervals, least[column], before, fraction, since_last, column
             )
-            out[FURTHEST, column] = furthest_jump(part)
+            out[FURTHEST, column] = furthest_jump(fraction)
 
 
 @inlined
-def furthest_jump(part: float) -> float:
-    """Return `furthest_error` at a share of the way between two readings."""
-    least = max(min(part, 1.0 - part), NEVER)
-    furthest: float = max(math.sqrt(3.0), math.sqrt((1.0 - least) / least))
-    return furthest
+def furthest_jump(fraction: float) -> float:
+    """Return `furthest_error` at a fraction of the interval between two readings."""
+    shorter = max(min(fraction, 1.0 - fraction), NEVER)
+    jump: float = max(math.sqrt(3.0), math.sqrt((1.0 - shorter) / shorter))
+    return jump
 
 
 @inner
 def missed_by_line(
-    values: Array, apart: Array, least: float, here: int, part: float, late: float, column: int
+    values: Array,
+    intervals: Array,
+    least: float,
+    before: int,
+    fraction: float,
+    since_last: float,
+    column: int,
 ) -> float:
     """Return `interpolation_error` of one column at one stamp.
 
-    least: square of a second difference that noise explains; here, part: place between readings;
-    late (ns): behind the last reading.
+    least: square of a second difference that noise explains; before, fraction: place between
+    readings; since_last (ns): time after the last reading.
     """
-    length = apart[here]
-    if late > 0.0:
-        further: float = min(late, length)
-        return abs(slope_between(values, apart, column, apart.size - 1)) * further
-    earlier = bend_at(values, apart, column, here - 1) * length
-    first = bend_at(values, apart, column, here) * length
-    second = bend_at(values, apart, column, here + 1) * length
-    later = bend_at(values, apart, column, here + 2) * length
+    length = intervals[before]
+    if since_last > 0.0:
+        extrapolated: float = min(since_last, length)
+        return abs(slope_between(values, intervals, column, intervals.size - 1)) * extrapolated
+    earlier = bend_at(values, intervals, column, before - 1) * length
+    first = bend_at(values, intervals, column, before) * length
+    second = bend_at(values, intervals, column, before + 1) * length
+    later = bend_at(values, intervals, column, before + 2) * length
     of_earlier = math.sqrt(max(earlier * earlier - least, 0.0))
     of_first = math.sqrt(max(first * first - least, 0.0))
     of_second = math.sqrt(max(second * second - least, 0.0))
     of_later = math.sqrt(max(later * later - least, 0.0))
     if first * second < 0.0:
-        missed = min(of_first, of_second) * math.sqrt(part * (1.0 - part))
+        missed = min(of_first, of_second) * math.sqrt(fraction * (1.0 - fraction))
     else:
-        missed = min(part * of_first, (1.0 - part) * of_second) / math.sqrt(3.0)
+        missed = min(fraction * of_first, (1.0 - fraction) * of_second) / math.sqrt(3.0)
     if earlier * second < 0.0:
-        left = 1.0 - part
-        began = min(of_earlier, of_second) * left * math.sqrt(1.0 - left * left)
+        remaining = 1.0 - fraction
+        began = min(of_earlier, of_second) * remaining * math.sqrt(1.0 - remaining * remaining)
         missed = max(missed, began)
     if first * later < 0.0:
-        ended = min(of_first, of_later) * part * math.sqrt(1.0 - part * part)
+        ended = min(of_first, of_later) * fraction * math.sqrt(1.0 - fraction * fraction)
         missed = max(missed, ended)
     return missed
 
 
 @inlined
-def bend_at(values: Array, apart: Array, column: int, reading: int) -> float:
+def bend_at(values: Array, intervals: Array, column: int, reading: int) -> float:
     """Return the change of slope at a reading; zero outside the readings."""
     if reading < 0 or reading >= len(values):
         return 0.0
-    slope = slope_between(values, apart, column, reading)
-    return slope - slope_between(values, apart, column, reading - 1)
+    slope = slope_between(values, intervals, column, reading)
+    return slope - slope_between(values, intervals, column, reading - 1)
 
 
 @inlined
-def slope_between(values: Array, apart: Array, column: int, reading: int) -> float:
+def slope_between(values: Array, intervals: Array, column: int, reading: int) -> float:
     """Return the slope from a reading to the next; zero before the first and after the last."""
-    if reading < 0 or reading >= apart.size:
+    if reading < 0 or reading >= intervals.size:
         return 0.0
-    slope: float = (values[reading + 1, column] - values[reading, column]) / apart[reading]
+    slope: float = (values[reading + 1, column] - values[reading, column]) / intervals[reading]
     return slope
 
 
@@ -243,12 +257,12 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
     For a jump, the whole jump, if the value jumped in the shorter part of the interval; for a bent
     course, the extrapolation from either side, (shown,).
     """
-    bent = np.full(len(shown), math.sqrt(3.0))
+    of_bent_course = np.full(len(shown), math.sqrt(3.0))
     if len(stamp_ns) < 2:
-        return bent
-    _, share = places_between(shown, stamp_ns)
-    least = np.maximum(np.minimum(share, 1.0 - share), NEVER)
-    return np.asarray(np.maximum(bent, np.sqrt((1.0 - least) / least)))
+        return of_bent_course
+    _, fraction = places_between(shown, stamp_ns)
+    shorter = np.maximum(np.minimum(fraction, 1.0 - fraction), NEVER)
+    return np.asarray(np.maximum(of_bent_course, np.sqrt((1.0 - shorter) / shorter)))
 
 
 def error_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:

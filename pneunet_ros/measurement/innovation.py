@@ -19,7 +19,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.swing import solve_small
 
 Indices = npt.NDArray[np.intp]
-FEWEST_BEYOND_CLAMP = 3  # targets that tell a tip: as many as the row has shapes
+FEWEST_BEYOND_CLAMP = 3  # targets that determine a tip: as many as shapes of the row
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,9 +42,9 @@ def innovation(
 ) -> Innovation | None:
     """Compare a frame with its prediction; None if no target was seen.
 
-    Of the white noise of a target the larger is taken, as the model has it or as the tracker says.
-    The targets are those of the calibration, which knows where they are painted, or others: what
-    is likelier in this frame counts.
+    The white noise of a target is the larger of those of the model and of the tracker. The targets
+    are those of the calibration, with known placement, or others, whichever is likelier in this
+    frame.
     """
     (seen,) = np.nonzero(np.isfinite(sightings.x) & np.isfinite(sightings.y))
     if not seen.size:
@@ -99,26 +99,26 @@ def compare_targets(
         for i in range(count):
             known = known or placed[axis, seen[i]] != 0.0
     residual, std = np.empty(2 * count), np.empty(2 * count)
-    chi_square, least, likelier = 0.0, math.inf, 0
-    for rival in range(2 if known else 1):  # others, then those of the calibration
+    chi_square, least, is_calibrated = 0.0, math.inf, 0
+    for calibrated in range(2 if known else 1):  # other targets, then those of the calibration
         cost = 0.0
         for axis in range(2):
             for i in range(count):
-                place, k = seen[i], axis * count + i
-                residual[k] = residuals[axis, place] - rival * placed[axis, place]
-                own = placed_std[place] if rival else placement_std
-                std[k] = max(math.hypot(white[place], own), SMALLEST_STD)
+                target, k = seen[i], axis * count + i
+                residual[k] = residuals[axis, target] - calibrated * placed[axis, target]
+                position_std = placed_std[target] if calibrated else placement_std
+                std[k] = max(math.hypot(white[target], position_std), SMALLEST_STD)
                 cost += 2.0 * math.log(std[k])
         distance = squared_distance(residual, std, columns)
-        if rival == 0 or cost + distance < least:
-            chi_square, least, likelier = distance, cost + distance, rival
+        if calibrated == 0 or cost + distance < least:
+            chi_square, least, is_calibrated = distance, cost + distance, calibrated
     for i in range(count):
-        place = seen[i]
-        own = placed_std[place] if likelier else placement_std
-        variance = max(math.hypot(white[place], own), SMALLEST_STD) ** 2
-        at_targets[place] = 0.5 * distance_in_plane(
-            residuals[0, place] - likelier * placed[0, place],
-            residuals[1, place] - likelier * placed[1, place],
+        target = seen[i]
+        position_std = placed_std[target] if is_calibrated else placement_std
+        variance = max(math.hypot(white[target], position_std), SMALLEST_STD) ** 2
+        at_targets[target] = 0.5 * distance_in_plane(
+            residuals[0, target] - is_calibrated * placed[0, target],
+            residuals[1, target] - is_calibrated * placed[1, target],
             columns[:, i].copy(),
             columns[:, count + i].copy(),
             variance,
@@ -144,12 +144,12 @@ def squared_distance(residual: Array, std: Array, columns: Array) -> float:
             for error in range(errors):
                 rows[k, error] = columns[error, k] / std[k]
         return inverse_form(gram_matrix(rows), white)
-    rows, along = np.empty((errors, coordinates)), np.zeros(errors)
+    rows, projection = np.empty((errors, coordinates)), np.zeros(errors)
     for error in range(errors):
         for k in range(coordinates):
             rows[error, k] = columns[error, k] / std[k]
-            along[error] += rows[error, k] * white[k]
-    return square - inverse_form(gram_matrix(rows), along)
+            projection[error] += rows[error, k] * white[k]
+    return square - inverse_form(gram_matrix(rows), projection)
 
 
 @inner
@@ -190,13 +190,13 @@ def distance_in_plane(x: float, y: float, by_x: Array, by_y: Array, variance: fl
 
     by_x, by_y (errors,) m: one sigma of each error; variance (m^2): of both coordinates.
     """
-    along_x, along_y, both = variance, variance, 0.0
+    variance_x, variance_y, covariance_xy = variance, variance, 0.0
     for error in range(by_x.size):
-        along_x += by_x[error] * by_x[error]
-        along_y += by_y[error] * by_y[error]
-        both += by_x[error] * by_y[error]
-    area = along_x * along_y - both * both
-    return (along_y * x * x - 2.0 * both * x * y + along_x * y * y) / area
+        variance_x += by_x[error] * by_x[error]
+        variance_y += by_y[error] * by_y[error]
+        covariance_xy += by_x[error] * by_y[error]
+    area = variance_x * variance_y - covariance_xy * covariance_xy
+    return (variance_y * x * x - 2.0 * covariance_xy * x * y + variance_x * y * y) / area
 
 
 @inner
@@ -218,39 +218,39 @@ def tip_distance(
     """
     count, sources, beyond = seen.size, len(errors), 0
     normal, tip = np.zeros((3, 3)), np.ones((3, 1))
-    tip[0, 0] = 0.0  # where the row begins is the camera's
+    tip[0, 0] = 0.0  # an offset of the whole row is due to the camera
     for i in range(count):
-        place = seen[i]
-        s = share[place]
-        beyond += s > 0.0
-        std = max(math.hypot(white[place], placed_std[place]), SMALLEST_STD)
+        target = seen[i]
+        position = share[target]
+        beyond += position > 0.0
+        std = max(math.hypot(white[target], placed_std[target]), SMALLEST_STD)
         for j in range(3):
             for k in range(3):
-                normal[j, k] += bend(s, j) * bend(s, k) / std**2
+                normal[j, k] += bend(position, j) * bend(position, k) / std**2
     if beyond < FEWEST_BEYOND_CLAMP:
         return math.nan
     solve_small(normal, tip)
     x, y, noise = 0.0, 0.0, 0.0
     by_x, by_y = np.zeros(sources), np.zeros(sources)
     for i in range(count):
-        place = seen[i]
-        s = share[place]
-        std = max(math.hypot(white[place], placed_std[place]), SMALLEST_STD)
+        target = seen[i]
+        position = share[target]
+        std = max(math.hypot(white[target], placed_std[target]), SMALLEST_STD)
         weight = 0.0
         for j in range(3):
-            weight += bend(s, j) * tip[j, 0] / std**2
-        x += weight * (residuals[0, place] - placed[0, place])
-        y += weight * (residuals[1, place] - placed[1, place])
+            weight += bend(position, j) * tip[j, 0] / std**2
+        x += weight * (residuals[0, target] - placed[0, target])
+        y += weight * (residuals[1, target] - placed[1, target])
         noise += (weight * std) ** 2
         for source in range(sources):
-            by_x[source] += weight * errors[source, 0, place]
-            by_y[source] += weight * errors[source, 1, place]
+            by_x[source] += weight * errors[source, 0, target]
+            by_y[source] += weight * errors[source, 1, target]
     return distance_in_plane(x, y, by_x, by_y, noise)
 
 
 @inlined
 def bend(share: float, shape: int) -> float:
-    """Return a shape of a bent row at a share of its length: all of it moved, bent, bent more."""
+    """Return a shape of a row at a share of its length: shifted, bent, bent more at its end."""
     if shape == 0:
         return 1.0
     return share**2 if shape == 1 else share**3

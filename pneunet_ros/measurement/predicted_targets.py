@@ -43,7 +43,7 @@ class PredictedTargets:
     placed_std: Array
     frame_error_count: int = 1
 
-    def moved(self, x: Array, y: Array, errors: Array) -> PredictedTargets:
+    def displaced(self, x: Array, y: Array, errors: Array) -> PredictedTargets:
         """Return the targets moved by x, y (targets,) m, with further errors (n, 2, targets) m."""
         return replace(
             self,

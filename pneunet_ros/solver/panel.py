@@ -139,7 +139,7 @@ def scaled(f: float, a: Four) -> Four:
 
 
 @inlined
-def integrated(a: Four) -> Four:
+def gauss_integrals(a: Four) -> Four:
     """Return the integral from the start of a unit panel to its Gauss points."""
     return dot(A1, a), dot(A2, a), dot(A3, a), dot(A4, a)
 
@@ -176,7 +176,7 @@ def panel_fields(
     t4, u4 = resolve(s4, c4, n1 - C4 * q1, n2 - C4 * q2)
     t, u = (t1, t2, t3, t4), (u1, u2, u3, u4)
     stretch = plus(rest, scaled(a, t))
-    moment = plus(moment_a, integrated(times(stretch, scaled(-h, u))))
+    moment = plus(moment_a, gauss_integrals(times(stretch, scaled(-h, u))))
     m1, m2, m3, m4 = moment
     d1, e1 = curvature_change(m1, law)
     d2, e2 = curvature_change(m2, law)
@@ -226,7 +226,7 @@ def panel_residual(
     axial, _, _, _, _, _ = mechanics
     turn_1, turn_2, turn_3, turn_4, turn_b = turn
     d = scaled(h, d)
-    reached = add(plus(theta_a, (turn_1, turn_2, turn_3, turn_4)), integrated(d))
+    reached = add(plus(theta_a, (turn_1, turn_2, turn_3, turn_4)), gauss_integrals(d))
     residual = minus(reached, theta)
     theta_b = theta_a + turn_b + dot(W, d)
     moment_b = moment_a - h * dot(W, times(stretch, u))

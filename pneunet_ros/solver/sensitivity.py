@@ -23,8 +23,8 @@ from pneunet_ros.solver.panel import (
     dot,
     Four,
     free_end,
+    gauss_integrals,
     GAUSS_POINTS,
-    integrated,
     Law,
     linear_panel,
     panel_fields,
@@ -90,7 +90,7 @@ def record_change(
     a, v = (a1, a2, a3, a4), (v1, v2, v3, v4)
     longer = change[col.PANEL_LENGTH]
     slope = add(times(scaled(-longer, stretch), u), slope_change(h, stretch, u, a, v))
-    g1, g2, g3, g4 = integrated(slope)
+    g1, g2, g3, g4 = gauss_integrals(slope)
     m1, m2, m3, m4 = moment
     d1, d2, d3, d4 = d
     e1, e2, e3, e4 = e
@@ -100,7 +100,7 @@ def record_change(
         bending_change(h, law, m3, d3, e3, change, g3),
         bending_change(h, law, m4, d4, e4, change, g4),
     )
-    residual = add(four(change, col.PANEL_ROTATION), integrated(bend))
+    residual = add(four(change, col.PANEL_ROTATION), gauss_integrals(bend))
     longer_stretch = add(scaled(longer, stretch), scaled(h, a))
     return residual, change[col.PANEL_ROTATION_END] + dot(W, bend), dot(W, slope), longer_stretch
 

@@ -101,7 +101,7 @@ def twice_integrated(places: Array, nodes: Array, weights: Array) -> Array:
     return np.asarray(np.maximum(places[:, None] - nodes, 0.0) * weights)
 
 
-def integrated(places: Array, nodes: Array, weights: Array) -> Array:
+def gauss_integrals(places: Array, nodes: Array, weights: Array) -> Array:
     """Return weights (places, nodes) of the integral from the first node's cell on."""
     return np.asarray((places[:, None] > nodes) * weights)
 

@@ -34,7 +34,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, station_arclength
 from pneunet_ros.vision.curvature_prior import (
     CurvaturePrior,
-    integrated,
+    gauss_integrals,
     learn_priors,
     PRIOR,
     PriorSettings,
@@ -209,7 +209,7 @@ class Covariances:
         return Covariances(
             points=points,
             line=at_targets @ with_targets,
-            theta=integrated(points, nodes, weights) @ with_targets,
+            theta=gauss_integrals(points, nodes, weights) @ with_targets,
             curvature=prior.covariance(points, nodes) @ at_targets.T,
             variance=np.diagonal(prior.covariance(points, points)).copy(),
         )

@@ -34,8 +34,8 @@ def noise_jacobian(
     base = (reading.force_x, reading.force_y, reading.moment, reading.pressure)
     correction = true_load(table.arm, base) - base
     for source, sigma in enumerate(std):
-        moved = (*base[:source], base[source] + sigma, *base[source + 1 :])
-        jacobian[source, : PRESSURE + 1] += true_load(table.arm, moved) - moved - correction
+        shifted = (*base[:source], base[source] + sigma, *base[source + 1 :])
+        jacobian[source, : PRESSURE + 1] += true_load(table.arm, shifted) - shifted - correction
     for column in range(columns):
         before, after = (table.neighbors[column], table.neighbors[columns + column])
         change = true_load(after, base) - true_load(before, base)
@@ -51,33 +51,33 @@ def true_load(arm: Arm, load: tuple[float, ...]) -> Array:
 
 @kernel
 def propagate_covariance(
-    noise: Array, tip: Array, stations: Array, further: Array, covariance: Array, std: Array
+    noise: Array, tip: Array, stations: Array, added: Array, covariance: Array, std: Array
 ) -> bool:
     """Propagate errors through a linear response; returns whether the result is finite.
 
     noise (sources, causes): the noise input matrix; tip (causes, 3) and stations (causes, 6,
-    stations) are the sensitivities; further (3, stations): an additional independent error of x, y
+    stations) are the sensitivities; added (3, stations): an additional independent error of x, y
     (m) and theta (rad). Fills covariance (3, 3) of x, y, theta of the tip, and std (3, stations)
     of x, y and curvature.
     """
     sources, causes, count = noise.shape[0], noise.shape[1], stations.shape[2]
     size = len(std)  # not 3: loops of a known length are compiled as often
-    moved, change = np.zeros((sources, size)), np.empty(count)
+    tip_change, change = np.zeros((sources, size)), np.empty(count)
     for source in range(sources):
         for cause in range(causes):
             for i in range(size):
-                moved[source, i] += noise[source, cause] * tip[cause, i]
+                tip_change[source, i] += noise[source, cause] * tip[cause, i]
     total = 0.0
     for i in range(size):
         for j in range(size):
-            covariance[i, j] = further[i, -1] * further[j, -1]
+            covariance[i, j] = added[i, -1] * added[j, -1]
             for source in range(sources):
-                covariance[i, j] += moved[source, i] * moved[source, j]
+                covariance[i, j] += tip_change[source, i] * tip_change[source, j]
             total += covariance[i, j]
     for i in range(size):
         field = 3 if i == 2 else i  # curvature is the fourth field of a station
         for station in range(count):
-            std[i, station] = 0.0 if i == 2 else further[i, station] * further[i, station]
+            std[i, station] = 0.0 if i == 2 else added[i, station] * added[i, station]
         for source in range(sources):
             change[:] = 0.0
             for cause in range(causes):

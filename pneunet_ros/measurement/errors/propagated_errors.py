@@ -144,21 +144,21 @@ def carry_errors(
     if mixing.size:
         direction = single_causes(direction, mixing)
     which = solve_sides(response, direction, kind, steps, most_iterations, tolerance, sides)
-    further = np.zeros((col.CURVATURE, arclength.size))
+    second_order = np.zeros((col.CURVATURE, arclength.size))
     if which >= 0:
         factor = second_order_factor(steps[which])
-        second_difference(response, sides, arclength, factor, further)
+        second_difference(response, sides, arclength, factor, second_order)
         square = 0.0
         for i in range(2):
             for k in range(seen.size):
-                square += (further[i, seen[k]] / seen_std[i, k]) ** 2
+                square += (second_order[i, seen[k]] / seen_std[i, k]) ** 2
         allowed = 1.0 / max(1.0, math.sqrt(square))
         for i in range(col.CURVATURE):
-            for place in range(arclength.size):
-                further[i, place] *= allowed
+            for station in range(arclength.size):
+                second_order[i, station] *= allowed
     elif not seen.size:
         return UNBOUNDED
-    if not propagate_covariance(noise, tip, changes, further, covariance, std):
+    if not propagate_covariance(noise, tip, changes, second_order, covariance, std):
         return UNBOUNDED
     return which
 

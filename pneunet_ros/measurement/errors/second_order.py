@@ -75,22 +75,22 @@ def leading_error(tip: Array, noise: Array) -> Array:
     Norgaard, Poulsen, Ravn, Automatica 36 (2000).
     """
     sources, causes = noise.shape
-    moved, direction = np.zeros((sources, 2)), np.zeros(causes)
-    along_x, both, along_y = 0.0, 0.0, 0.0
+    tip_change, direction = np.zeros((sources, 2)), np.zeros(causes)
+    variance_x, covariance_xy, variance_y = 0.0, 0.0, 0.0
     for source in range(sources):
         for cause in range(causes):
             for i in range(2):
-                moved[source, i] += noise[source, cause] * tip[cause, i]
-        along_x += moved[source, 0] * moved[source, 0]
-        both += moved[source, 0] * moved[source, 1]
-        along_y += moved[source, 1] * moved[source, 1]
-    angle = 0.5 * math.atan2(2.0 * both, along_x - along_y)
+                tip_change[source, i] += noise[source, cause] * tip[cause, i]
+        variance_x += tip_change[source, 0] * tip_change[source, 0]
+        covariance_xy += tip_change[source, 0] * tip_change[source, 1]
+        variance_y += tip_change[source, 1] * tip_change[source, 1]
+    angle = 0.5 * math.atan2(2.0 * covariance_xy, variance_x - variance_y)
     x, y = math.cos(angle), math.sin(angle)
-    size = math.sqrt(x * x * along_x + 2.0 * x * y * both + y * y * along_y)
+    size = math.sqrt(x * x * variance_x + 2.0 * x * y * covariance_xy + y * y * variance_y)
     if not size > 0.0:
         return direction
     for source in range(sources):
-        weight = (moved[source, 0] * x + moved[source, 1] * y) / size
+        weight = (tip_change[source, 0] * x + tip_change[source, 1] * y) / size
         for cause in range(causes):
             direction[cause] += weight * noise[source, cause]
     return direction
