@@ -23,7 +23,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.core.stamps import AHEAD, count_reason, RESTARTED, StampGate
+from pneunet_ros.core.stamps import AHEAD, count_reason, match_stamps, RESTARTED, StampGate
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -353,13 +353,10 @@ def compare_waiting(
     periods = [after - before for before, after in pairwise(stamps[-PERIODS - 1 :])]
     reach = settings.reach * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
-    for sightings in waiting:
-        shown_ns = sightings.stamp_ns - delay_ns
-        after = bisect_left(stamps, shown_ns)
-        behind = len(stamps) - after
-        neighbors = slice(max(after - 1, 0), after + 1)
-        nearest = min(range(len(stamps))[neighbors], key=lambda one: abs(stamps[one] - shown_ns))
-        near = abs(stamps[nearest] - shown_ns) <= reach
+    shown = np.array([sightings.stamp_ns - delay_ns for sightings in waiting])
+    matches = (part.tolist() for part in (shown, *match_stamps(shown, np.array(stamps), reach)))
+    for sightings, shown_ns, nearest, near in zip(waiting, *matches, strict=True):
+        behind = len(stamps) - bisect_left(stamps, shown_ns)
         estimate = state.estimates[nearest]
         at_reading = near and is_at(estimate, shown_ns)
         if near and (at_reading or behind >= NEIGHBORS):

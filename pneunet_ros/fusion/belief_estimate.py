@@ -379,19 +379,19 @@ def shape_in_place(model: PreparedModel, shape: Shape, belief: Belief) -> Shape:
     return replace(shape, x=freeze(x), y=freeze(y), theta=freeze(shape.theta + turn))
 
 
-def holding(estimate: ShapeEstimate, there: Shape, odds: float) -> ShapeEstimate:
+def holding(estimate: ShapeEstimate, other: Shape, odds: float) -> ShapeEstimate:
     """Return an estimate whose errors include another possible shape, weighted by its odds.
 
     It is the second moment of a mixture about the published shape.
     """
-    here, root = estimate.shape, math.sqrt(odds)
-    tip = root * (np.array(there.tip) - np.array(here.tip))
-    curvature = root * (there.curvature - here.curvature)
+    shape, root = estimate.shape, math.sqrt(odds)
+    tip = root * (np.array(other.tip) - np.array(shape.tip))
+    curvature = root * (other.curvature - shape.curvature)
     return replace(
         estimate,
         tip_covariance=freeze(estimate.tip_covariance + np.outer(tip, tip)),
-        std_x=freeze(np.hypot(estimate.std_x, root * (there.x - here.x))),
-        std_y=freeze(np.hypot(estimate.std_y, root * (there.y - here.y))),
+        std_x=freeze(np.hypot(estimate.std_x, root * (other.x - shape.x))),
+        std_y=freeze(np.hypot(estimate.std_y, root * (other.y - shape.y))),
         std_curvature=freeze(np.hypot(estimate.std_curvature, curvature)),
     )
 
@@ -455,11 +455,11 @@ def known_force(
     for axis, error in enumerate(arm.position.error[:2]):
         covariance[axis, axis] += error**2
     for odds, other in zip(odds_relative_to_first(state.bank), state.bank[1:], strict=True):
-        apart = other.belief.mean[tip] - state.bank[0].belief.mean[tip]
-        covariance += odds * np.outer(apart, apart)
+        difference = other.belief.mean[tip] - state.bank[0].belief.mean[tip]
+        covariance += odds * np.outer(difference, difference)
     if fault is not None and np.isfinite(fault.reading).all():
-        apart = fault.reading - force
-        covariance += np.outer(apart, apart)
+        difference = fault.reading - force
+        covariance += np.outer(difference, difference)
     determined = np.sqrt(np.diagonal(covariance)) <= model.largest_force_std
     if unknown:
         determined = np.zeros(2, dtype=bool)

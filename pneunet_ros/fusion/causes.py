@@ -26,8 +26,12 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.contact import differs_from_zero, find_contacts, without_contact
 from pneunet_ros.fusion.frame_update import excess, force_at, misfits, with_fit
+from pneunet_ros.fusion.hypothesis_update import (
+    HypothesisUpdate,
+    update_with_likeliest_walk,
+    update_with_walk,
+)
 from pneunet_ros.fusion.prepared_model import PreparedModel
-from pneunet_ros.fusion.taken_frame import take_with_best_walk, take_with_walk, TakenFrame
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.placement import Placement
@@ -44,7 +48,7 @@ from pneunet_ros.measurement.inference.gaussian import (
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
 RESET_RARITY = 2.0  # times `odds_against`: the log odds against a belief that is all wrong
-Alternative = tuple[TakenFrame, float]  # and its log odds, but for the evidence of the frame
+Alternative = tuple[HypothesisUpdate, float]  # and its log odds, but for the evidence of the frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,33 +68,35 @@ class Cause(abc.ABC):
         return -math.inf
 
     @abc.abstractmethod
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Whether this cause may explain a frame that no hypothesis, or only a contact, fits."""
 
     @abc.abstractmethod
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Yield updates by the frame with this cause added.
 
         Each comes with the log odds (nats) by which earlier frames favor it; 0 if they are
-        uninformative. taken: the update without this cause.
+        uninformative. updated: the hypothesis without this cause.
         """
 
 
-def take_again(
-    model: PreparedModel, taken: TakenFrame, before: Belief, walk: float | None = None
-) -> TakenFrame:
+def update_from(
+    model: PreparedModel, updated: HypothesisUpdate, before: Belief, walk: float | None = None
+) -> HypothesisUpdate:
     """Return the update of another belief by the same frame, starting at any last shape.
 
-    walk (N/sqrt(s)): random walk of the tip force on a swinging arm; None: as in `taken`.
+    walk (N/sqrt(s)): random walk of the tip force on a swinging arm; None: as in `updated`.
     """
-    if walk is None and before.frames and taken.problem.swinging is not None:
-        walk = taken.problem.prior.walk.recent
-    return take_with_walk(model, taken.frame, before, walk)
+    if walk is None and before.frames and updated.problem.swinging is not None:
+        walk = updated.problem.prior.walk.recent
+    return update_with_walk(model, updated.frame, before, walk)
 
 
-def with_posterior(taken: TakenFrame, after: Belief) -> TakenFrame:
+def with_posterior(updated: HypothesisUpdate, after: Belief) -> HypothesisUpdate:
     """Return the frame with the belief that another prior, used from the start, would give."""
-    return replace(taken, update=replace(taken.update, belief=after))
+    return replace(updated, update=replace(updated.update, belief=after))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,35 +106,41 @@ class ContactCause(Cause):
     name: ClassVar = CONTACT
     sentence: ClassVar = ''
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether there is a fit to start from; the score test decides."""
-        return taken.update.fit is not None
+        return updated.update.fit is not None
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Search for a contact along the arm, starting without any current one."""
-        fit, frame, before = taken.update.fit, taken.frame, taken.before
+        fit, frame, before = updated.update.fit, updated.frame, updated.before
         if fit is None:
             return
         if before.touched:
-            free = take_with_best_walk(model, frame, without_contact(model.unknowns, before))
+            free = update_with_likeliest_walk(
+                model, frame, without_contact(model.unknowns, before)
+            )
             yield free, 0.0
             if free.update.fit is None or excess(fit) <= 1.0:
                 return
-            taken, fit, before = free, free.update.fit, free.before
-        seen = int(np.count_nonzero(taken.problem.used))
-        for found in find_contacts(taken.problem, fit[1], unexplained=misfits(fit)):
-            update = with_fit(taken.update, found, found, seen)
-            there = TakenFrame(frame=frame, before=before, problem=taken.problem, update=update)
-            yield there, 0.0
+            updated, fit, before = free, free.update.fit, free.before
+        seen = int(np.count_nonzero(updated.problem.used))
+        for found in find_contacts(updated.problem, fit[1], unexplained=misfits(fit)):
+            update = with_fit(updated.update, found, found, seen)
+            with_contact = HypothesisUpdate(
+                frame=frame, before=before, problem=updated.problem, update=update
+            )
+            yield with_contact, 0.0
 
-    def is_sure(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_sure(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Whether a contact is still certain, because it fits the frame and the measured force.
 
         Without a force sensor, even a large contact force proves nothing: another tip force may
         fit without a contact.
         """
-        fit = taken.update.fit
-        read = model.settings.free_tip or taken.frame.wrench is not None
+        fit = updated.update.fit
+        read = model.settings.free_tip or updated.frame.wrench is not None
         return (
             read
             and fit is not None
@@ -165,13 +177,15 @@ class CameraCause(Cause):
         innocent = np.array([model.settings.turn_tolerance])
         return log_odds_beyond(belief, turn, before[-1:], innocent, after[-1:])
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the model error is known, because it looks similar."""
         return model.camera_is_observable
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try a camera that moved since the last frame, or that was misplaced from the start."""
-        yield from recent_or_initial(model, taken, self, self.priors(model))
+        yield from recent_or_initial(model, updated, self, self.priors(model))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,17 +198,19 @@ class TargetsCause(Cause):
         'positions. Calibrate again, or remove covariance.placement from the model file'
     )
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the calibration knows the targets."""
         return model.unknowns.block(Placement).known is not None
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try a repainted row, then individually repainted targets."""
         unknowns = model.unknowns
         row = unknowns.at(TargetRow)
         for where in (row, slice(unknowns.at(Placement).start, row.stop)):
-            other = forget(taken.before, where, unknowns.std[where])
-            yield take_again(model, taken, replace_causes(other, TARGETS)), 0.0
+            other = forget(updated.before, where, unknowns.std[where])
+            yield update_from(model, updated, replace_causes(other, TARGETS)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,15 +231,17 @@ class TiltCause(Cause):
             return -math.inf
         return log_odds_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the model error is known, because it looks similar."""
         return model.camera_is_observable
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try a base that tilted since the last frame, or that was tilted from the start."""
         tilt = model.unknowns.block(Tilt)
         priors = model.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
-        yield from recent_or_initial(model, taken, self, priors)
+        yield from recent_or_initial(model, updated, self, priors)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,21 +265,23 @@ class ForceSensorCause(Cause):
             return -math.inf
         return log_odds_beyond(belief, where, sensor.std, sensor.innocent_std, sensor.off_std)
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether a sensor is used."""
-        return taken.frame.wrench is not None and not model.settings.free_tip
+        return updated.frame.wrench is not None and not model.settings.free_tip
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try a sensor that failed since the last frame, or that was faulty from the start."""
         sensor, where = model.unknowns.block(ForceSensor), model.unknowns.at(ForceSensor)
         if not sensor.std.all():
             return
-        now = replace_causes(taken.before, FORCE_SENSOR)
-        yield take_again(model, taken, now), 0.0
-        if self.log_odds_so_far(model, taken.after) > 0.0:
-            initial, earlier = with_prior(taken.after, where, sensor.std, sensor.off_std)
+        now = replace_causes(updated.before, FORCE_SENSOR)
+        yield update_from(model, updated, now), 0.0
+        if self.log_odds_so_far(model, updated.after) > 0.0:
+            initial, earlier = with_prior(updated.after, where, sensor.std, sensor.off_std)
             initial = replace_causes(initial, FORCE_SENSOR)
-            yield with_posterior(taken, initial), earlier
+            yield with_posterior(updated, initial), earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -276,33 +296,35 @@ class PressureCause(Cause):
         'sensor is right, run pneunet diagnose'
     )
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return False between readings too far apart to interpolate the pressure."""
-        frame = taken.frame
+        frame = updated.frame
         missed = frame.instant.missed > model.arm.sensors.pressure_std
         return model.camera_is_observable and not frame.alone and not missed
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try ignoring the pressure from now on, or restarting without it after wrong readings.
 
         They compete with a belief that is reset but keeps the sensor, because the belief itself
         may be wrong.
         """
-        frame, before = taken.frame, taken.before
+        frame, before = updated.frame, updated.before
         now = replace_causes(before, PRESSURE)
-        yield take_again(model, taken, now), 0.0
+        yield update_from(model, updated, now), 0.0
         if not before.frames:
             return
-        restarted = reset_to_prior(model.of(taken.after.causes).unknowns, taken.after)
+        restarted = reset_to_prior(model.of(updated.after.causes).unknowns, updated.after)
         lost = -RESET_RARITY * model.settings.odds_against
-        yield take_again(model, taken, replace_causes(restarted, PRESSURE)), lost
-        if math.isinf(frame.instant.step):  # it may be coarse, and not off
+        yield update_from(model, updated, replace_causes(restarted, PRESSURE)), lost
+        if math.isinf(frame.instant.step):  # the sensor may be coarse rather than wrong
             frame = frame.with_pressure_std(model.coarsest_pressure)
-        again = TakenFrame(
-            frame=frame, before=restarted, problem=taken.problem, update=taken.update
+        with_pressure = HypothesisUpdate(
+            frame=frame, before=restarted, problem=updated.problem, update=updated.update
         )
         yield (
-            take_again(model, again, restarted),
+            update_from(model, with_pressure, restarted),
             lost + self.rarity * model.settings.odds_against,
         )
 
@@ -317,17 +339,19 @@ class MirroredCause(Cause):
         'the camera driver, or calibrate base_from_camera again, and reset'
     )
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the arm is bent enough to show it.
 
         False for an arm that swings with a model of unknown error: far from its predicted shape,
         an arm may be on either side.
         """
-        return model.of(taken.before.causes).swinging is None or model.camera_is_observable
+        return model.of(updated.before.causes).swinging is None or model.camera_is_observable
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try the mirrored targets."""
-        yield take_again(model, taken, replace_causes(taken.before, MIRRORED)), 0.0
+        yield update_from(model, updated, replace_causes(updated.before, MIRRORED)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -340,13 +364,15 @@ class MotionCause(Cause):
         'weight, and a typical damping. Calibrate with --motion'
     )
 
-    def is_possible(self, model: PreparedModel, taken: TakenFrame) -> bool:
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the model has no motion."""
         return model.moving is not None
 
-    def alternatives(self, model: PreparedModel, taken: TakenFrame) -> Iterator[Alternative]:
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
         """Try a swing since the last frame, by an unknown force, or from the start."""
-        before, fit = taken.before, taken.update.fit
+        before, fit = updated.before, updated.update.fit
         if fit is None:
             return
         causes = before.causes | {self.name}
@@ -362,18 +388,18 @@ class MotionCause(Cause):
             (recent, 0.0),
             (first, -RESET_RARITY * model.settings.odds_against),
         ):
-            there = take_again(model, taken, other)
-            if not there.misfits:  # else it is noise that nobody knows, and no swing
-                yield there, earlier
+            swinging = update_from(model, updated, other)
+            if not swinging.misfits:  # else it is unmodeled noise, not a swing
+                yield swinging, earlier
 
 
 def extended(known: Belief, first: Belief) -> Belief:
     """Return the belief about the first unknowns, extended by the prior of the remaining ones."""
-    own, columns = known.mean.size, known.root.shape[1]
-    behind = first.root[own:, first.root[own:].any(axis=0)]
-    root = np.zeros((first.mean.size, columns + behind.shape[1]))
-    root[:own, :columns], root[own:, columns:] = known.root, behind
-    mean = np.concatenate([known.mean, first.mean[own:]])
+    known_size, columns = known.mean.size, known.root.shape[1]
+    remaining_root = first.root[known_size:, first.root[known_size:].any(axis=0)]
+    root = np.zeros((first.mean.size, columns + remaining_root.shape[1]))
+    root[:known_size, :columns], root[known_size:, columns:] = known.root, remaining_root
+    mean = np.concatenate([known.mean, first.mean[known_size:]])
     return replace(
         known, mean=freeze(mean), root=freeze(root), causes=first.causes, walk=first.walk
     )
@@ -381,7 +407,7 @@ def extended(known: Belief, first: Belief) -> Belief:
 
 def recent_or_initial(
     model: PreparedModel,
-    taken: TakenFrame,
+    updated: HypothesisUpdate,
     cause: Cause,
     priors: tuple[slice, Array, Array, Array],
 ) -> Iterator[Alternative]:
@@ -390,14 +416,16 @@ def recent_or_initial(
     The latter only if the frames so far support it. priors: indices of the unknowns, one sigma of
     the prior of the belief, one sigma of the wide prior, and the mean of both.
     """
-    where, _, wide, _ = priors
+    where, _, wide_std, _ = priors
     yield (
-        take_again(model, taken, replace_causes(widen(taken.before, where, wide), cause.name)),
+        update_from(
+            model, updated, replace_causes(widen(updated.before, where, wide_std), cause.name)
+        ),
         0.0,
     )
-    if cause.log_odds_so_far(model, taken.after) > 0.0:
-        initial, earlier = with_prior(taken.after, *priors)
-        yield with_posterior(taken, replace_causes(initial, cause.name)), earlier
+    if cause.log_odds_so_far(model, updated.after) > 0.0:
+        initial, earlier = with_prior(updated.after, *priors)
+        yield with_posterior(updated, replace_causes(initial, cause.name)), earlier
 
 
 def log_odds_beyond(

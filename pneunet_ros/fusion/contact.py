@@ -112,27 +112,29 @@ class PushScores:
             self.force * np.gradient(side, self.place, axis=1)
             for side in (self.pushes, self.weighed)
         )
-        both = np.sum(slide * self.weighed, axis=0)
+        cross = np.sum(slide * self.weighed, axis=0)
         along = np.sum(slide * weighed_slide, axis=0) + anywhere
-        volume = self.information * along - both**2
+        volume = self.information * along - cross**2
         return np.asarray(self.gain - np.log(volume * std**2 / anywhere))
 
     def step(self, fit: FrameLinearization, panel: int) -> Array:
         """Return the response of the other unknowns (n,) in xi to a push on a panel."""
-        left = fit.weighed - self.weighed[:, panel] * self.force[panel]
-        return np.asarray(left @ fit.jacobian - fit.trial.xi)
+        remaining = fit.weighed - self.weighed[:, panel] * self.force[panel]
+        return np.asarray(remaining @ fit.jacobian - fit.trial.xi)
 
 
 def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     """Score a push on each panel; all other unknowns are projected out with their covariance."""
     bent, arm = fit.trial.bent, problem.table.arm
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
-    moved = measured_moves(arm, sensitivity)
-    problem.moved_too(fit.trial, sensitivity, moved)
-    moved, pulled = moved[LOADS:], pulled_at(problem, fit, place)
+    displacement = measured_moves(arm, sensitivity)
+    problem.moved_too(fit.trial, sensitivity, displacement)
+    displacement, pulled = displacement[LOADS:], pulled_at(problem, fit, place)
     if pulled is not None and fit.trial.swung is not None:
-        moved = moved + np.tensordot(pulled[: Motion.SHAPES].T, fit.trial.swung.by_shape, axes=1)
-    pushes = problem.whiten(problem.along_arm(fit.trial, moved)).T
+        displacement = displacement + np.tensordot(
+            pulled[: Motion.SHAPES].T, fit.trial.swung.by_shape, axes=1
+        )
+    pushes = problem.whiten(problem.along_arm(fit.trial, displacement)).T
     weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
     information = np.sum(pushes * weighed, axis=0) + std**-2
     score = fit.innovation @ weighed
@@ -209,8 +211,8 @@ def find_contacts(
     free = evidence_cost((problem, fit), seen) - 2.0 * settings.odds_against
 
     def is_needed(item: Fit) -> bool:
-        left = item[1].cost + left_out_cost(item, seen)
-        beyond = unexplained and excess(item) <= 1.0 and fit.cost - left > predicted_gain
+        cost = item[1].cost + left_out_cost(item, seen)
+        beyond = unexplained and excess(item) <= 1.0 and fit.cost - cost > predicted_gain
         return beyond or evidence_cost(item, seen) < free
 
     # A contact of no force is another minimum without one, or a tip force.

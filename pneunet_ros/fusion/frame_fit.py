@@ -113,8 +113,8 @@ class FrameLinearization:
 
     def size_information(self, growth: ErrorGrowth) -> tuple[Array, Array]:
         """Return H^T S^-1 v (errors,) and H^T S^-1 H for the changes of errors of unknown size."""
-        moved = self.by_model_error * growth.grown
-        return moved.T @ self.weighed, moved.T @ self.solve(moved)
+        displacement = self.by_model_error * growth.grown
+        return displacement.T @ self.weighed, displacement.T @ self.solve(displacement)
 
     def newton_step(self) -> tuple[Array, float]:
         """Return the step (unknowns,) in xi to the minimum of the cost, and its gain."""
@@ -123,7 +123,7 @@ class FrameLinearization:
     def stepped(self) -> FrameLinearization:
         """Return the linearization after its step, without solving the arm again."""
         trial = self.trial
-        there = Trial(
+        next_trial = Trial(
             xi=trial.xi + self.step,
             solved=trial.solved,
             bent=trial.bent,
@@ -135,7 +135,7 @@ class FrameLinearization:
             cost=self.cost - self.gain,
         )
         return FrameLinearization(
-            trial=there,
+            trial=next_trial,
             jacobian=self.jacobian,
             by_model_error=self.by_model_error,
             innovation=self.innovation,
@@ -208,22 +208,22 @@ class FrameProblem:
         white = sightings.std if counting is None else sightings.std[counting]
         std = np.fmax(white, max(self.table.arm.sensors.target_std, SMALLEST_STD)).repeat(2)
         causes, touched = unknowns.causes_at(self.inputs), self.prior.touched
-        still = root
+        static_root = root
         if self.late is not None:
-            still = root.copy()
-            still[unknowns.at(TipForce), self.late :] *= self.answered
-        own, size = len(causes), root.shape[1]
-        further = [unknowns.at(Push)] if touched else []
+            static_root = root.copy()
+            static_root[unknowns.at(TipForce), self.late :] *= self.answered
+        cause_count, size = len(causes), root.shape[1]
+        added = [unknowns.at(Push)] if touched else []
         if self.swinging is not None and self.prior.reference is not None:
-            further.append(self.swinging.part(Motion.PLACE))
+            added.append(self.swinging.part(Motion.PLACE))
         left_out = ERRORS if self.left_out is not None else 0
-        cause_root = np.zeros((own + 2 * len(further) + left_out + 3, size))
+        cause_root = np.zeros((cause_count + 2 * len(added) + left_out + 3, size))
         if self.left_out is not None:
             columns = slice(self.left_out, self.left_out + ERRORS)
             cause_root[-3 - ERRORS : -3, columns] = np.eye(ERRORS)
-        np.matmul(causes, still, out=cause_root[:own])
-        for which, where in enumerate(further):
-            cause_root[own + 2 * which : own + 2 * which + 2] = root[where]
+        np.matmul(causes, static_root, out=cause_root[:cause_count])
+        for which, where in enumerate(added):
+            cause_root[cause_count + 2 * which : cause_count + 2 * which + 2] = root[where]
         np.matmul(unknowns.camera, root, out=cause_root[-3:])
         places = unknowns.dots_moved(root).transpose(1, 0, 2)
         if counting is not None:
@@ -233,7 +233,7 @@ class FrameProblem:
         sized, force = unknowns.sized, root[unknowns.at(TipForce)]
         for name, value in (
             ('touched', touched),
-            ('still_root', still),
+            ('still_root', static_root),
             ('counting', counting),
             ('std', std),
             ('measured', sightings.x + 1j * sightings.y),
@@ -286,20 +286,20 @@ class FrameProblem:
         """Compare the targets of an arm solved at xi with the frame; None if not finite."""
         unknowns, arm, shape = self.unknowns, self.table.arm, bent.shape
         x = self.mean + self.still_root @ xi
-        there_x, there_y, theta, swung = shape.x, shape.y, shape.theta, self.swung(bent, x)
+        arm_x, arm_y, theta, swung = (shape.x, shape.y, shape.theta, self.swung(bent, x))
         curvature = shape.curvature
         if swung is not None:
-            moved_x, moved_y, turned, bends = swung.deviation
+            moved_x, moved_y, rotation, bends = swung.deviation
             curvature = curvature + bends
             if self.left_out is not None:
-                off = xi[self.left_out : self.left_out + ERRORS]
-                off_x, off_y = np.tensordot(off, swung.left_out, axes=1)
+                omitted = xi[self.left_out : self.left_out + ERRORS]
+                off_x, off_y = np.tensordot(omitted, swung.left_out, axes=1)
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
-            there_x, there_y, theta = there_x + moved_x, there_y + moved_y, theta + turned
+            arm_x, arm_y, theta = (arm_x + moved_x, arm_y + moved_y, theta + rotation)
         painted = paint(theta, curvature, unknowns.dots_moved(x))
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
-        seen_x, seen_y = arm.see(there_x, there_y)
+        seen_x, seen_y = arm.see(arm_x, arm_y)
         seen = turn * (seen_x + 1j * seen_y + painted.displacement)
         back = painted.to_arm / turn
         residual = self.whiten((self.measured - clamp - seen) * back)
@@ -353,10 +353,10 @@ class FrameProblem:
         camera, and heading (rad) and curvature (1/m) of the arm there.
         """
         painted = trial.painted
-        moved = moves[:, 0] + 1j * moves[:, 1]
-        moved += painted.by_theta * moves[:, 2]
-        moved += painted.by_curvature * moves[:, 3]
-        return np.asarray(moved * painted.to_arm)
+        displacement = moves[:, 0] + 1j * moves[:, 1]
+        displacement += painted.by_theta * moves[:, 2]
+        displacement += painted.by_curvature * moves[:, 3]
+        return np.asarray(displacement * painted.to_arm)
 
     def stretch(self, trial: Trial) -> Array:
         """Return derivatives of targets by their placement, (coordinates,): along and across."""
@@ -372,10 +372,10 @@ class FrameProblem:
         by_cause = target_jacobian(self.table, sensitivity)
         turning = self.moved_too(trial, sensitivity, by_cause)
         if trial.swung is not None:
-            further = [trial.swung.by_shape]
+            added = [trial.swung.by_shape]
             if self.left_out is not None:
-                further.append(np.pad(trial.swung.left_out, ((0, 0), (0, 2), (0, 0))))
-            by_cause = np.concatenate([by_cause, *further])
+                added.append(np.pad(trial.swung.left_out, ((0, 0), (0, 2), (0, 0))))
+            by_cause = np.concatenate([by_cause, *added])
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
         moves[:-3] = self.along_arm(trial, by_cause)
         moves[-3], moves[-2] = trial.back, 1j * trial.back
@@ -396,8 +396,8 @@ class FrameProblem:
         gain = float(step @ (trial.residual @ jacobian - xi))
         force = self.force - seen[:, 1:].T @ solved[:, 1:]
         if gain > self.settings.small_gain:
-            left = root[tip] @ step
-            force += left[:, None] * left
+            tip_step = root[tip] @ step
+            force += tip_step[:, None] * tip_step
         known = len(self.sized_causes)
         return FrameLinearization(
             trial=trial,
@@ -458,9 +458,11 @@ class FrameProblem:
         """
         precision, _ = dpotri(fit.factor, lower=1)
         along, across = precision.diagonal().reshape(-1, 2).T
-        both = precision.diagonal(-1)[::2]
+        off_diagonal = precision.diagonal(-1)[::2]
         x, y = fit.trial.residual.reshape(-1, 2).T
-        found = (across * x**2 - 2.0 * both * x * y + along * y**2) / (along * across - both**2)
+        found = (across * x**2 - 2.0 * off_diagonal * x * y + along * y**2) / (
+            along * across - off_diagonal**2
+        )
         return np.asarray(found)
 
     def is_allowed(self, xi: Array) -> bool:
@@ -534,8 +536,8 @@ class FrameProblem:
         size = self.prior.walk.recent
         if self.late is None:
             return None
-        moved = fit.jacobian[:, self.late : self.late + 2] / size
-        return moved.T @ fit.weighed, moved.T @ fit.solve(moved), size
+        displacement = fit.jacobian[:, self.late : self.late + 2] / size
+        return displacement.T @ fit.weighed, displacement.T @ fit.solve(displacement), size
 
     def reference_after(self, fit: FrameLinearization) -> Reference | None:
         """Return the reference of a swing, with the equilibrium estimated from the frame."""

@@ -279,8 +279,8 @@ def consider_force(found: Fit) -> Fit:
     if again is not None and again.cost <= fit.cost + problem.settings.flat**2:
         xi = again.trial.xi - less * along[:, 0] * float(along[:, 0] @ again.trial.xi)
         trial = problem.try_at(xi, again.trial.bent.solution)
-        there = None if trial is None else problem.linearize(trial)
-        fit = fit if there is None else there.stepped()
+        linearized = None if trial is None else problem.linearize(trial)
+        fit = fit if linearized is None else linearized.stepped()
     return replace(problem, considered=bending), fit
 
 
@@ -298,8 +298,8 @@ def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
     turning = turning_at(problem, start)
     if turning is None:
         return None
-    tip, own = problem.unknowns.at(TipForce), len(problem.causes)
-    by_force = turning[:, :own] @ problem.causes[:, tip]
+    tip, cause_count = problem.unknowns.at(TipForce), len(problem.causes)
+    by_force = turning[:, :cause_count] @ problem.causes[:, tip]
     axis = np.linalg.eigh(by_force.T @ by_force)[1][:, :1]
     pull = problem.root[tip].T @ axis
     std = float(np.linalg.norm(pull))
@@ -320,8 +320,8 @@ def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
 def turning_at(problem: FrameProblem, xi: Array) -> Array | None:
     """Return the rotation of swinging links by each cause at a trial, (links, causes)."""
     trial = problem.try_at(xi, problem.prior.solution)
-    there = None if trial is None else problem.linearize(trial)
-    return None if there is None or there.turning is None else there.turning.T
+    linearized = None if trial is None else problem.linearize(trial)
+    return None if linearized is None or linearized.turning is None else linearized.turning.T
 
 
 def apart_by(first: Trial, second: Trial) -> float:
@@ -382,8 +382,8 @@ def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, 
         return ColdRound(), []
     _, *force = round_.best[0]
     trial = problem.try_at(problem.start_at(np.array(force)), None)
-    left = round_.best[1:]
-    after = ColdRound(frame=round_.frame + 1, best=left) if left else ColdRound()
+    remaining = round_.best[1:]
+    after = ColdRound(frame=round_.frame + 1, best=remaining) if remaining else ColdRound()
     return after, [] if trial is None else [trial]
 
 

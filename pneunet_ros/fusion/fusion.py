@@ -42,6 +42,7 @@ from pneunet_ros.fusion.belief_estimate import estimate_at
 from pneunet_ros.fusion.causes import PressureCause, TARGETS
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_update import ColdSearch
+from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import (
     followed_by,
@@ -54,7 +55,6 @@ from pneunet_ros.fusion.readings import (
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
-from pneunet_ros.fusion.taken_frame import TakenFrame
 from pneunet_ros.fusion.weighing import estimate_walk, is_copy, take, weigh
 from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
@@ -202,12 +202,12 @@ class Fusion:
         state = self.with_pressure(state)
         age = state.target_age(instant.stamp_ns)
         late = age is None or age > self.settings.target_timeout
-        ahead = self.ahead_notes(state)
+        clock_notes = self.ahead_notes(state)
         mode = Mode.PREDICTION if late else Mode.FUSED
-        state, outcome = self.publish(state, instant, mode, [*notes, *ahead])
+        state, outcome = self.publish(state, instant, mode, [*notes, *clock_notes])
         if isinstance(outcome, Refusal):
             state = state.count_rejected(outcome.reason)
-            outcome = replace(outcome, sentence='; '.join([outcome.sentence, *ahead]))
+            outcome = replace(outcome, sentence='; '.join([outcome.sentence, *clock_notes]))
         return state, outcome
 
     def refuse_pressure(
@@ -230,11 +230,11 @@ class Fusion:
         shown = [self.model.shown_ns(sightings) for sightings in state.waiting]
         if state.belief is not None and state.belief.frames:
             shown.append(state.belief.stamp_ns)
-        ahead = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
-        if ahead <= self.settings.most_ahead + 1.5 * seconds_between(before_ns, last_ns):
+        seconds = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
+        if seconds <= self.settings.most_ahead + 1.5 * seconds_between(before_ns, last_ns):
             return []
         return [
-            f'the last frame of targets is stamped {ahead:.3g} s later than the pressure: '
+            f'the last frame of targets is stamped {seconds:.3g} s later than the pressure: '
             'are the clocks of camera and pressure sensor synchronized?'
         ]
 
@@ -331,11 +331,11 @@ class Fusion:
         first, second = known[after - 1], known[after]
         share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
         nearest = first if share < 0.5 else second
-        near = known[max(after - NEAR, 0) : after + NEAR]
+        around = known[max(after - NEAR, 0) : after + NEAR]
         missed = error_between(
             stamp_ns,
-            np.array([one.stamp_ns for one in near]),
-            np.array([one.chamber for one in near]),
+            np.array([one.stamp_ns for one in around]),
+            np.array([one.chamber for one in around]),
             nearest.std,
         )
         return replace(
@@ -356,14 +356,14 @@ class Fusion:
         known.
         """
         if self.settings.free_tip:
-            nothing = WrenchReading(
+            zero = WrenchReading(
                 stamp_ns=stamp_ns,
                 force_x=0.0,
                 force_y=0.0,
                 moment=0.0,
                 frame_id=self.sensors.frame_id,
             )
-            return NearWrench(reading=nothing, age=0.0, std=self.arm.sensors.force_std)
+            return NearWrench(reading=zero, age=0.0, std=self.arm.sensors.force_std)
         if not state.force.kept or (with_targets and not self.knows_force_noise(state)):
             return None
         wrench = nearest_to(state.force.kept, stamp_ns)
@@ -380,8 +380,8 @@ class Fusion:
 
     def knows_force_noise(self, state: FusionState) -> bool:
         """Whether the force noise is known, or the readings are too rare to estimate it."""
-        enough = len(state.force.kept) >= self.settings.fewest_readings
-        return enough or not self.reads_force_often(state)
+        has_enough = len(state.force.kept) >= self.settings.fewest_readings
+        return has_enough or not self.reads_force_often(state)
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: that of the model, or a larger estimate."""
@@ -521,16 +521,16 @@ class Fusion:
         elif is_copy(self.model, seen, frame):
             return state.count_unused('repeated')
         state = replace(state, seen=seen)
-        taken = take(self.model, state, frame, before)
-        if taken.explained:
+        updated = take(self.model, state, frame, before)
+        if updated.explained:
             rest = state.bank[1:]
             weight = state.bank[0].log_weight if state.bank else 0.0
-            bank = (Hypothesis(belief=self.learned(taken), log_weight=weight), *rest)
-            return self.after_frame(replace(state, bank=bank), taken, pending=taken)
-        bank, taken = weigh(self.model, state, taken)
-        if taken.update.belief is None:
-            return self.with_nis(state, taken).count_unused(taken.update.reason, lost=1)
-        return self.after_frame(self.with_learned(state, bank, taken), taken)
+            bank = (Hypothesis(belief=self.learned(updated), log_weight=weight), *rest)
+            return self.after_frame(replace(state, bank=bank), updated, pending=updated)
+        bank, updated = weigh(self.model, state, updated)
+        if updated.update.belief is None:
+            return self.with_nis(state, updated).count_unused(updated.update.reason, lost=1)
+        return self.after_frame(self.with_learned(state, bank, updated), updated)
 
     def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
         """Return a frame with the sensor readings at the time when it was taken."""
@@ -560,9 +560,9 @@ class Fusion:
         last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
         return len(last) == 1 and len(state.pressures) >= self.settings.still_readings
 
-    def with_nis(self, state: FusionState, taken: TakenFrame) -> FusionState:
+    def with_nis(self, state: FusionState, updated: HypothesisUpdate) -> FusionState:
         """Return the state with the running NIS after a frame."""
-        update, shown_ns = taken.update, taken.frame.stamp_ns
+        update, shown_ns = updated.update, updated.frame.stamp_ns
         if not update.coordinates:
             return state
         limit = chi_square_limit(update.coordinates)
@@ -574,33 +574,36 @@ class Fusion:
         return replace(state, nis=nis)
 
     def after_frame(
-        self, state: FusionState, taken: TakenFrame, pending: TakenFrame | None = None
+        self,
+        state: FusionState,
+        updated: HypothesisUpdate,
+        pending: HypothesisUpdate | None = None,
     ) -> FusionState:
         """Count a used frame; pending: it has still to be weighed."""
-        frame, update = taken.frame, taken.update
+        frame, update = updated.frame, updated.update
         wrench_ns = None if frame.wrench is None else frame.wrench.reading.stamp_ns
         return replace(
-            self.with_nis(state, taken).count_frame(),
+            self.with_nis(state, updated).count_frame(),
             wrench_used_ns=wrench_ns,
-            pending=PendingFrame(taken=pending, unchecked=update.unchecked),
+            pending=PendingFrame(updated=pending, unchecked=update.unchecked),
             search=ColdSearch(ambiguous=update.ambiguous) if update.settled else state.search,
         )
 
-    def learned(self, taken: TakenFrame) -> Belief:
+    def learned(self, updated: HypothesisUpdate) -> Belief:
         """Return the belief after a frame, with the random walk of the force and odd targets."""
-        update, unknowns = taken.update, self.model.unknowns
-        if self.model.of(taken.after.causes).swinging is None:
-            belief = with_walk(unknowns, taken.before, taken.after)
+        update, unknowns = updated.update, self.model.unknowns
+        if self.model.of(updated.after.causes).swinging is None:
+            belief = with_walk(unknowns, updated.before, updated.after)
         else:
-            belief = replace(taken.after, walk=estimate_walk(taken))
+            belief = replace(updated.after, walk=estimate_walk(updated))
         known = unknowns.block(Placement).known is not None and TARGETS not in belief.causes
         if known and update.left_out and update.fit:
-            outliers = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
+            outliers = np.flatnonzero(updated.problem.used & ~update.fit[0].used)
             belief = with_outlier_targets(unknowns, self.settings, belief, outliers)
         return belief
 
     def with_learned(
-        self, state: FusionState, bank: tuple[Hypothesis[Belief], ...], best: TakenFrame
+        self, state: FusionState, bank: tuple[Hypothesis[Belief], ...], best: HypothesisUpdate
     ) -> FusionState:
         """Return the state with hypotheses updated by a frame, the best one first."""
         first = replace(bank[0], belief=self.learned(best))
@@ -617,11 +620,11 @@ class Fusion:
             return state
         unchecked = pending.unchecked
         state = replace(state, pending=None)
-        if pending.taken is not None:
-            bank, taken = weigh(self.model, state, pending.taken)
-            if taken is not pending.taken:
-                unchecked = taken.update.unchecked
-            state = self.with_learned(state, bank, taken)
+        if pending.updated is not None:
+            bank, updated = weigh(self.model, state, pending.updated)
+            if updated is not pending.updated:
+                unchecked = updated.update.unchecked
+            state = self.with_learned(state, bank, updated)
         if unchecked is not None:
             state = replace(state, search=state.search.looked(unchecked))
         return state.compressed()

@@ -13,8 +13,8 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief, LASTING, PRESSURE
 from pneunet_ros.fusion.frame_update import ColdSearch, Fit
+from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
 from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
-from pneunet_ros.fusion.taken_frame import TakenFrame
 from pneunet_ros.measurement.inference.bank import Hypothesis
 from pneunet_ros.measurement.inference.gaussian import compressed
 from pneunet_ros.solver.solution import SolverNodes
@@ -86,11 +86,11 @@ class ForceReadings:
 class PendingFrame:
     """The last frame that was used, and the work still to be done on it.
 
-    taken: the update, not yet compared with alternative hypotheses; unchecked: its fit, if the
+    updated: the update, not yet compared with alternative hypotheses; unchecked: its fit, if the
     search for other tip forces is still to be made; answered: an estimate was published since.
     """
 
-    taken: TakenFrame | None = None
+    updated: HypothesisUpdate | None = None
     unchecked: Fit | None = None
     answered: bool = False
 

@@ -19,12 +19,16 @@ from pneunet_ros.fusion.causes import (
     CAUSES,
     CONTACTS,
     RESET_RARITY,
-    take_again,
+    update_from,
+)
+from pneunet_ros.fusion.hypothesis_update import (
+    HypothesisUpdate,
+    update_with_likeliest_walk,
+    update_with_walk,
 )
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.taken_frame import take_with_best_walk, take_with_walk, TakenFrame
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
@@ -34,38 +38,42 @@ FREE = 2.0  # chi squared by which a frame fits better, on average, with a force
 
 def is_copy(model: PreparedModel, seen: SeenFrame, frame: ReadFrame) -> bool:
     """Whether a bit-identical frame is a copy, because the pressure has changed meanwhile."""
-    pressed = abs(frame.instant.chamber - seen.chamber)
-    return not frame.alone and pressed > model.settings.frozen * frame.instant.std
+    pressure_change = abs(frame.instant.chamber - seen.chamber)
+    return not frame.alone and pressure_change > model.settings.frozen * frame.instant.std
 
 
-def take(model: PreparedModel, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
+def take(
+    model: PreparedModel, state: FusionState, frame: ReadFrame, before: Belief
+) -> HypothesisUpdate:
     """Return the update of the leading hypothesis by a frame.
 
     If consecutive frames were not used, only a few of them are searched over all forces.
     """
     widely = is_due(state) or not before.frames
     found_better = state.search.found_better
-    return take_with_best_walk(model, frame, before, found_better=found_better, widely=widely)
+    return update_with_likeliest_walk(
+        model, frame, before, found_better=found_better, widely=widely
+    )
 
 
-def estimate_walk(taken: TakenFrame) -> Walk:
+def estimate_walk(updated: HypothesisUpdate) -> Walk:
     """Return the walk of the tip force after a frame of an arm that swings."""
-    walk, fit = taken.problem.prior.walk, taken.update.fit
+    walk, fit = updated.problem.prior.walk, updated.update.fit
     information = None if fit is None else fit[0].walk_information(fit[1])
-    if information is None or not taken.before.frames:
+    if information is None or not updated.before.frames:
         return replace(walk, most_likely=0.0)
-    seconds = seconds_between(taken.before.stamp_ns, taken.frame.stamp_ns)
-    force = taken.problem.unknowns.block(TipForce)
-    after = force.estimate_walk(walk, *information, seconds, taken.before.frames)
+    seconds = seconds_between(updated.before.stamp_ns, updated.frame.stamp_ns)
+    force = updated.problem.unknowns.block(TipForce)
+    after = force.estimate_walk(walk, *information, seconds, updated.before.frames)
     return replace(after, most_likely=walk.recent)
 
 
-def with_estimated_walk(model: PreparedModel, taken: TakenFrame) -> Belief:
+def with_estimated_walk(model: PreparedModel, updated: HypothesisUpdate) -> Belief:
     """Return the belief after a frame of a swinging arm, with its estimated random walk."""
-    after = taken.after
-    if taken.update.belief is None or model.of(after.causes).swinging is None:
+    after = updated.after
+    if updated.update.belief is None or model.of(after.causes).swinging is None:
         return after
-    return replace(after, walk=estimate_walk(taken))
+    return replace(after, walk=estimate_walk(updated))
 
 
 def is_due(state: FusionState) -> bool:
@@ -77,16 +85,16 @@ def is_due(state: FusionState) -> bool:
 
 
 def weigh(
-    model: PreparedModel, state: FusionState, taken: TakenFrame
-) -> tuple[tuple[Hypothesis[Belief], ...], TakenFrame]:
+    model: PreparedModel, state: FusionState, updated: HypothesisUpdate
+) -> tuple[tuple[Hypothesis[Belief], ...], HypothesisUpdate]:
     """Return the likely hypotheses after a frame, and its update by the best one.
 
-    taken: the update by the hypothesis that was leading.
+    updated: the hypothesis that was leading.
     """
-    leading, *others = state.bank or (Hypothesis(belief=taken.before),)
-    weighed = [(taken, leading.log_weight)]
-    by = take_with_best_walk if is_due(state) else take_with_walk
-    weighed += [(by(model, taken.frame, one.belief), one.log_weight) for one in others]
+    leading, *other_hypotheses = state.bank or (Hypothesis(belief=updated.before),)
+    weighed = [(updated, leading.log_weight)]
+    by = update_with_likeliest_walk if is_due(state) else update_with_walk
+    weighed += [(by(model, updated.frame, one.belief), one.log_weight) for one in other_hypotheses]
     best = best_of(weighed)
     if best[0].update.fit is not None or is_due(state):
         touches = contact_alternatives(model, weighed, best)
@@ -95,7 +103,7 @@ def weigh(
             weighed += cause_alternatives(model, state, weighed, best)
     likeliest, _ = best_of(weighed)
     if likeliest.update.belief is None:  # nothing explains it: it says nothing
-        return state.bank or (leading,), taken
+        return state.bank or (leading,), updated
     weights = log_weights(model, weighed, max(likeliest.cost_per_coordinate, 1.0))
     after = [with_estimated_walk(model, one) for one, _ in weighed]
     candidates = [
@@ -163,33 +171,33 @@ def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float)
     return weights
 
 
-def evidence_comparable_with_swing(model: PreparedModel, taken: TakenFrame) -> float:
+def evidence_comparable_with_swing(model: PreparedModel, updated: HypothesisUpdate) -> float:
     """Return the log evidence of a frame, comparable with that of a swinging arm.
 
     Without a swing, the force is free from frame to frame, which reduces the evidence even under a
     steady load. Therefore the recent random walk of the force is tried here as well.
     """
-    before = taken.before
+    before = updated.before
     if MOTION in before.causes or not before.frames:
-        return taken.log_evidence
-    steady = take_again(model, taken, before, before.walk.recent)
-    return max(taken.log_evidence, steady.log_evidence)
+        return updated.log_evidence
+    steady = update_from(model, updated, before, before.walk.recent)
+    return max(updated.log_evidence, steady.log_evidence)
 
 
-def is_open(model: PreparedModel, taken: TakenFrame) -> bool:
+def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:
     """Whether a contact relies on a force sensor that no frame has confirmed.
 
     The error of such a sensor may follow any law, so its reading is no evidence for a contact. A
     hypothesis without the sensor is not penalized for predicting less: it stays as likely as the
     contact as long as it fits the frames nearly as well.
     """
-    belief = taken.after
-    read = model.used(taken.frame, belief.causes).wrench is not None
+    belief = updated.after
+    read = model.used(updated.frame, belief.causes).wrench is not None
     return (
         belief.touched
         and read
         and not model.settings.free_tip
-        and not model.trusts_force(taken.before)
+        and not model.trusts_force(updated.before)
     )
 
 
@@ -197,13 +205,13 @@ def contact_alternatives(
     model: PreparedModel, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
     """Return updates with a contact, and without one that may have ended."""
-    taken = best[0]
-    if not CONTACTS.is_possible(model, taken):
+    updated = best[0]
+    if not CONTACTS.is_possible(model, updated):
         return []
-    if taken.before.touched:
-        rest = taken.before.causes - {CONTACT}
+    if updated.before.touched:
+        rest = updated.before.causes - {CONTACT}
         known = any(one.before.causes == rest for one, _ in weighed)
-        if known or CONTACTS.is_sure(model, taken):
+        if known or CONTACTS.is_sure(model, updated):
             return []
     elif any(one.before.touched and not one.misfits for one, _ in weighed):
         return []  # it is where it was
@@ -212,13 +220,16 @@ def contact_alternatives(
 
 def with_cause(model: PreparedModel, cause: Cause, base: Alternative) -> list[Alternative]:
     """Return alternatives in which one cause is added to a hypothesis."""
-    taken, weight = base
+    updated, weight = base
     against = weight - cause.rarity * model.settings.odds_against
-    return [(one, against + earlier) for one, earlier in cause.alternatives(model, taken)]
+    return [(one, against + earlier) for one, earlier in cause.alternatives(model, updated)]
 
 
 def should_test_causes(
-    model: PreparedModel, taken: TakenFrame, weighed: list[Alternative], touches: list[Alternative]
+    model: PreparedModel,
+    updated: HypothesisUpdate,
+    weighed: list[Alternative],
+    touches: list[Alternative],
 ) -> bool:
     """Whether to test causes other than the current hypothesis.
 
@@ -226,13 +237,13 @@ def should_test_causes(
     like a contact), or if all frames together indicate a cause.
     """
     touched = any(one.after.touched for one, _ in touches)
-    if touched or taken.misfits or taken.frame.pressure_still:
+    if touched or updated.misfits or updated.frame.pressure_still:
         return True
-    if is_open(model, taken) and not any(FORCE_SENSOR in one.after.causes for one, _ in weighed):
+    if is_open(model, updated) and not any(FORCE_SENSOR in one.after.causes for one, _ in weighed):
         return True
-    if model.size_of(taken.after) > model.settings.most_model_error:
+    if model.size_of(updated.after) > model.settings.most_model_error:
         return True
-    return any(is_indicated(model, cause, taken.after) for cause in CAUSES)
+    return any(is_indicated(model, cause, updated.after) for cause in CAUSES)
 
 
 def is_indicated(model: PreparedModel, cause: Cause, belief: Belief) -> bool:
@@ -249,11 +260,11 @@ def cause_alternatives(
     base = without_touch(weighed, best)
     found = all_alternatives(model, base)
     if state.counts.lost >= model.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
-        taken, weight = base
+        updated, weight = base
         unknowns = model.of(state.lasting).unknowns
-        first = first_belief(unknowns, taken.frame.stamp_ns, state.lasting)
+        first = first_belief(unknowns, updated.frame.stamp_ns, state.lasting)
         restarted = (
-            take_again(model, taken, first),
+            update_from(model, updated, first),
             weight - RESET_RARITY * model.settings.odds_against,
         )
         found += [restarted, *all_alternatives(model, restarted)]
@@ -262,11 +273,11 @@ def cause_alternatives(
 
 def all_alternatives(model: PreparedModel, base: Alternative) -> list[Alternative]:
     """Return alternatives in which any one possible cause is added to a hypothesis."""
-    taken = base[0]
+    updated = base[0]
     return [
         one
         for cause in CAUSES
-        if cause.name not in taken.before.causes and cause.is_possible(model, taken)
+        if cause.name not in updated.before.causes and cause.is_possible(model, updated)
         for one in with_cause(model, cause, base)
     ]
 
@@ -285,5 +296,5 @@ def is_same(model: PreparedModel, one: Belief, other: Belief) -> bool:
     if one.causes != other.causes:
         return False
     place = model.unknowns.at(Push).stop - 1
-    apart = abs(float(one.mean[place] - other.mean[place]))
-    return apart <= model.settings.contact_apart * model.arm.length
+    distance = abs(float(one.mean[place] - other.mean[place]))
+    return distance <= model.settings.contact_apart * model.arm.length

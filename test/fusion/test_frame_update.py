@@ -9,7 +9,7 @@ from pneunet_ros import load_model, solve
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import PressureReading, TargetSightings
 from pneunet_ros.core.share import share_path
-from pneunet_ros.fusion import taken_frame
+from pneunet_ros.fusion import hypothesis_update
 from pneunet_ros.fusion.frame_fit import Complex, FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import (
     cold_starts,
@@ -54,7 +54,7 @@ def problem() -> FrameProblem:
         return take_frame(problem, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(taken_frame, 'take_frame', noted)
+        patch.setattr(hypothesis_update, 'take_frame', noted)
         state, nothing = FusionState(), np.full(targets.size, np.nan)
         for frame in range(FRAMES):
             stamp = 1_000_000_000 + 33_000_000 * frame

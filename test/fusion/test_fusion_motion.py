@@ -14,9 +14,9 @@ from pneunet_ros.fusion.causes import MotionCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.frame_update import known_bending
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.hypothesis_update import problem_of
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.taken_frame import problem_of
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates

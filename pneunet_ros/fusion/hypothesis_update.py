@@ -33,7 +33,7 @@ from pneunet_ros.measurement.swinging_arm import ERRORS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TakenFrame:
+class HypothesisUpdate:
     """The update of a hypothesis by a frame.
 
     frame: the targets, with the readings at their stamp; before: the belief before the frame;
@@ -82,14 +82,14 @@ class TakenFrame:
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
 
 
-def take_with_best_walk(
+def update_with_likeliest_walk(
     model: PreparedModel,
     frame: ReadFrame,
     before: Belief,
     *,
     found_better: bool = False,
     widely: bool | None = None,
-) -> TakenFrame:
+) -> HypothesisUpdate:
     """Return the update of a belief by a frame.
 
     On a swinging arm an unmeasured load may change faster or slower than it did recently. If the
@@ -97,40 +97,42 @@ def take_with_best_walk(
     likely of the candidate walks is used. The fastest walk fits everything that a slower one fits:
     if it has no consistent fit, or no wide search is due, the slower ones are not tried.
     """
-    once = partial(take_with_walk, model, frame, before, found_better=found_better, widely=widely)
-    taken = once()
+    update = partial(
+        update_with_walk, model, frame, before, found_better=found_better, widely=widely
+    )
+    updated = update()
     own = model.of(before.causes)
     read = model.used(frame, before.causes).wrench is not None
     if own.swinging is None or read or not before.frames:
-        return taken
-    if taken.explained and not indicates_other_walk(taken):
-        return taken
+        return updated
+    if updated.explained and not indicates_other_walk(updated):
+        return updated
     *slower, fastest = own.unknowns.block(TipForce).walks.sizes
-    freest = once(fastest, believed=False)
-    fit = freest.update.fit
+    with_fastest = update(fastest, believed=False)
+    fit = with_fastest.update.fit
     if widely is False or fit is None or is_inconsistent(fit):
         slower = []
-    others = (once(size, believed=False) for size in slower)
-    best = max([taken, *others, freest], key=lambda one: one.log_evidence)
-    if best is taken:
-        return taken
+    with_slower = (update(size, believed=False) for size in slower)
+    best = max([updated, *with_slower, with_fastest], key=lambda one: one.log_evidence)
+    if best is updated:
+        return updated
     return replace(best, update=with_belief(best.problem, best.update))
 
 
-def indicates_other_walk(taken: TakenFrame) -> bool:
+def indicates_other_walk(updated: HypothesisUpdate) -> bool:
     """Whether a frame alone makes another random walk more likely than the recent one."""
-    fit = taken.update.fit
+    fit = updated.update.fit
     information = None if fit is None else fit[0].walk_information(fit[1])
-    if information is None or not taken.before.frames:
+    if information is None or not updated.before.frames:
         return False
-    walks = taken.problem.unknowns.block(TipForce).walks
+    walks = updated.problem.unknowns.block(TipForce).walks
     growth = ErrorGrowth(size=information[2], grown=np.ones(2), seconds=0.0)
     likeliest = int(walks.after(walks.first, growth, information[:2]).argmax())
-    recent = np.abs(np.log(walks.sizes) - math.log(taken.before.walk.recent)).argmin()
+    recent = np.abs(np.log(walks.sizes) - math.log(updated.before.walk.recent)).argmin()
     return likeliest != int(recent)
 
 
-def take_with_walk(
+def update_with_walk(
     model: PreparedModel,
     frame: ReadFrame,
     before: Belief,
@@ -139,7 +141,7 @@ def take_with_walk(
     found_better: bool = False,
     widely: bool | None = None,
     believed: bool = True,
-) -> TakenFrame:
+) -> HypothesisUpdate:
     """Return the update of a belief by a frame; the search starts at the last shape, if any.
 
     walk (N/sqrt(s)): random walk of the tip force, see `problem_of`; found_better, widely,
@@ -154,7 +156,7 @@ def take_with_walk(
         widely=cold if widely is None else widely,
         believed=believed,
     )
-    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
+    return HypothesisUpdate(frame=frame, before=before, problem=problem, update=update)
 
 
 def problem_of(
