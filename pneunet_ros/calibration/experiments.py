@@ -34,11 +34,11 @@ from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.solver.columns import CURVATURE, THETA
 import scipy
 
-SCANNED = 0.02  # decades; how closely the first stiffness is looked for, before the fit to all
-SCANNED_FRAMES = 5  # of every loaded run, where the first stiffness is looked for: CPU
-# Of the first stiffness, that are tried first.
+SCANNED = 0.02  # decades; tolerance of the search for the first stiffness
+SCANNED_FRAMES = 5  # per loaded run, in that search: CPU
+# Relative to the initial stiffness, tried first.
 STIFFNESS_FACTORS = (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4)
-COMPARED_FRAMES = 60  # of every run, where moment laws are compared: CPU
+COMPARED_FRAMES = 60  # per run, for the comparison of moment laws: CPU
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

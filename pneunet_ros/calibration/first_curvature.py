@@ -72,6 +72,6 @@ def arc_curvature(seen: npt.NDArray[np.complex128], arclength: Array) -> Array:
     chord = arclength * np.sinc(half / np.pi) * np.exp(1j * half)
     counts = np.isfinite(seen)
     places = np.where(counts, seen, 0.0)
-    # Of |places - chord|^2 over the targets seen, what does not go with the arc is left out.
+    # |places - chord|^2 over the seen targets, without the terms that do not depend on the arc.
     misfit = counts @ np.abs(chord.T) ** 2 - 2.0 * (places @ chord.T.conj()).real
     return np.asarray(arcs[np.argmin(misfit, axis=1)])

@@ -203,7 +203,7 @@ class LinearParameters(OneConstantParameters):
         return LinearLaw(bending_stiffness=float(values[0]))
 
 
-# Of an arm whose file has none, m
+# For an arm file without a cross-section, m
 PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2': 0.008}
 
 

@@ -23,20 +23,20 @@ from pneunet_ros.measurement.errors.rounding_error import rounding_std
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
-MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
+MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squared normal variables
 NORMAL = NormalDist()
-QUARTILE = NORMAL.inv_cdf(0.625)  # the lower one of the size of a normal number, over its std
-CLIPPED = 3.0  # sigma, from where on a difference is a change: the usual three
-# What is left of the variance of normal numbers within that.
+QUARTILE = NORMAL.inv_cdf(0.625)  # lower quartile of the size of a normal variable, over its std
+CLIPPED = 3.0  # sigma, beyond which a difference is a change: the usual three
+# Share of the variance of normal variables within that.
 LEFT_OF_VARIANCE = 1.0 - 2.0 * CLIPPED * NORMAL.pdf(CLIPPED) / (2.0 * NORMAL.cdf(CLIPPED) - 1.0)
-MOST_CLIPPINGS = 30  # until nothing changes: five are usual
-RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
+MOST_CLIPPINGS = 30  # usually five suffice
+RESTS = 3.0  # sigma of a pressure reading; a smaller change between frames is rest
 ASSUMED = 'assumed; these recordings do not determine it'
-# What an arm file states of its sensors, and the unit.
+# Sensor noise stated in an arm file, and its unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
-# What may be read in steps that are coarser than the noise, and the unit.
+# Readings that may have steps coarser than their noise, and their unit.
 STEPPED = (('pressure', 'Pa'), ('force', 'N'), ('moment', 'N m'))
-SMALLEST = 1e-9  # of a standard deviation that was found
+SMALLEST = 1e-9  # smallest estimated standard deviation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

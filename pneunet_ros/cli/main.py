@@ -267,7 +267,7 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
         )
         if words and words[0] == verb.name:
             if ends and {'--help', '-h'} & set(words):
-                jit.answer_first()  # nothing is computed: no kernel is loaded
+                jit.answer_first()  # --help computes nothing, so load no kernel
             elif verb.kernels != 'none':
                 answer_first()
             module = import_module(verb.module)
@@ -340,7 +340,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # what no file of ours has to do with: a full /tmp, too many files
+    except OSError as error:  # not about one of our files: a full /tmp, too many open files
         about = f'{error.filename}: ' if error.filename else ''
         return complain(given, f'{about}{error.strerror or error}', 'system')
     except MemoryError:

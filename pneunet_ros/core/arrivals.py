@@ -154,7 +154,9 @@ class ArrivalOrder(Generic[Item]):
         elif taken.tie == len(self._companions):
             for tie in self._due_before(taken):  # waited for in vain
                 one = self._companions[tie]
-                one.missed += one.interval_ns > 0 or not one.last_ns  # else it is not known when
+                one.missed += (
+                    one.interval_ns > 0 or not one.last_ns
+                )  # otherwise its time is unknown
             for one in self._companions.values():
                 if one.last_ns == taken.stamp_ns:
                     one.missed = 0

@@ -41,7 +41,7 @@ SI = UnitSystem(
     moment=Unit(name='N m', size=1.0),
     curvature=Unit(name='1/m', size=1.0),
 )
-SHOWN_SI = UnitSystem(  # what people read
+SHOWN_SI = UnitSystem(  # for display
     name='SI',
     length=Unit(name='mm', size=1e-3),
     force=Unit(name='N', size=1.0),

@@ -36,12 +36,12 @@ PRESSURE_UNITS = {
     'at': 1e4 * STANDARD_GRAVITY,
     'atm': STANDARD_ATMOSPHERE,
 }
-# How much of the SI unit a unit is, by what is measured: the units in names of table columns and
-# on the command line.
+# Size of each unit in SI, by quantity: the units in names of table columns and on the command
+# line.
 SI_PER_UNIT: dict[str, dict[str, float]] = {
     'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0, 'h': 3600.0, 'd': 86400.0},
     'pressure': {name.lower(): size for name, size in PRESSURE_UNITS.items()},
-    # What a scale shows in g or kg is the weight of that mass.
+    # A scale that shows g or kg measures the weight of that mass.
     'force': {
         'n': 1.0,
         'mn': 1e-3,

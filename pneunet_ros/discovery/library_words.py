@@ -12,7 +12,7 @@ from pneunet_ros.discovery.covariates import CONSTANT, ELAPSED, MEANINGS, MEANS,
 from pneunet_ros.discovery.kinds import KINDS
 
 LOADS = frozenset(name for name, item in MEANINGS.items() if item.group == 'load')
-# What the pressure does and what the free shape does differ along the arm alone.
+# An effect of the pressure and one of the free shape differ only along the arm.
 ACTUATION = frozenset({'chamber_pressure', 'curvature'})
 
 # Kinds of cause equivalent to an effect, and terms, of which its law has one.

@@ -56,7 +56,7 @@ def next_choice(
     ranked = ranked_choices(investigation, rivals, safe, settings)
     if ranked:
         return ranked[0]
-    return choice_in_order(recorded)  # nothing settled: what was not recorded yet may help
+    return choice_in_order(recorded)  # undecided: experiments not yet recorded may help
 
 
 def choice_in_order(recorded: int) -> Choice:

@@ -24,10 +24,10 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.interrupt import interrupted_afterwards
 from pneunet_ros.core.paths import resolved
 
-# What the system says when there is no room: disk full, quota used up, file larger than allowed.
+# Errors for lack of room: disk full, quota used up, file larger than allowed.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-SCRATCH, PARTIAL = '.pneunet-', '.partial'  # how the name of a scratch folder begins and ends
-REPLACED = f'{SCRATCH}replaced'  # name of a folder there that steps aside for the new one
+SCRATCH, PARTIAL = '.pneunet-', '.partial'  # prefix and suffix of the name of a scratch folder
+REPLACED = f'{SCRATCH}replaced'  # name there of the folder that is being replaced
 LONGEST_NAME = 255  # bytes of the name of a file
 
 

@@ -17,11 +17,11 @@ from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.files.regular_file import open_regular
 
 LARGEST_ARCHIVE = 100_000_000  # bytes, unpacked
-ROUNDING = 1e-9  # of the largest entry, by which a sum of outer products is not symmetric
+ROUNDING = 1e-9  # asymmetry of a sum of outer products, relative to its largest entry
 KINDS = {'number': 'iuf', 'integer': 'iu', 'text': 'U'}  # kind codes of numpy
 
-# What zipfile and numpy meet damaged bytes with; an error of zip is also a RuntimeError
-# (encrypted) or a NotImplementedError (a way of packing that is not known).
+# Errors of zipfile and numpy for damaged bytes; also RuntimeError (encrypted) and
+# NotImplementedError (unknown compression) of zipfile.
 DAMAGED = (
     OSError,
     ValueError,

@@ -204,7 +204,7 @@ OUTSIDE_EFFECTS: dict[str, type[LabEffect]] = {
         LabSlippingBase,
     )
 }
-ALL_EFFECTS = LAB_EFFECTS | OUTSIDE_EFFECTS  # what a scenario may name, in order of application
+ALL_EFFECTS = LAB_EFFECTS | OUTSIDE_EFFECTS  # available to scenarios, in order of application
 
 
 def places(chain: Chain) -> Array:

@@ -30,11 +30,11 @@ from pneunet_ros.lab.sensors import (
 )
 from pneunet_ros.lab.timeline import Timeline
 
-STEP = 0.002  # s, in which the past is followed
-MOST_STEPS_BETWEEN = 5000  # from one recording to the next
-# What a recording may have, so that making it takes less than 1 GB.
+STEP = 0.002  # s, of effects with a history
+MOST_STEPS_BETWEEN = 5000  # between two recordings
+# Limits of a recording, so that simulating it needs less than 1 GB.
 MOST_NODES, MOST_READINGS, MOST_STEPS = 5e6, 1e6, 2e6
-FRAME_OFFSET = 0.25  # of a frame, by which the camera begins after the other sensors
+FRAME_OFFSET = 0.25  # frames by which the camera starts after the other sensors
 
 
 def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:

@@ -229,8 +229,7 @@ def expected_of(arm: Arm) -> ExpectedPressure:
     return ExpectedPressure(low=low, high=high, std=arm.sensors.pressure_std, name=arm.name)
 
 
-# Where no model says more: 3 kPa to the 700 kPa of a shop line, and vacuum; the shares
-# are a convention.
+# Without a model: 3 kPa to the 700 kPa of a shop line, and vacuum; the shares are a convention.
 ANY_ACTUATOR = tuple(
     ExpectedPressure(low=low, high=high, share=share)
     for low, high, share in (

@@ -25,8 +25,8 @@ ARRAY_TYPE = 'std_msgs/msg/Float64MultiArray'
 IMAGE_TYPE = 'sensor_msgs/msg/Image'
 POINTS_TYPE = 'sensor_msgs/msg/PointCloud2'
 POSE_TYPE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
-UNREADABLE = 'unreadable'  # reason of a refusal: a message is not what its topic promises
-# What fields raise that are not there, of another kind, or infinite where integers are due.
+UNREADABLE = 'unreadable'  # reason of a refusal: a message does not match the type of its topic
+# Errors of missing fields, fields of another type, and infinite values of integers.
 UNFIT = (AttributeError, TypeError, ValueError, OverflowError)
 
 # The rows of a curvature along the arm, estimated or measured.
@@ -44,7 +44,7 @@ class Stamped(Protocol):
 
 
 ReadingType = TypeVar('ReadingType')
-Result = TypeVar('Result', bound=Stamped)  # what is made of readings and published
+Result = TypeVar('Result', bound=Stamped)  # computed from readings, and published
 
 
 class MessageTypes(Protocol):

@@ -63,7 +63,7 @@ class StateMode(IntEnum):
     CAMERA_ONLY = 2
 
 
-# Where the covariances of (x, y, theta) stand among the 36 of a pose: x, y and the turn about z.
+# Indices of the covariances of (x, y, theta) among the 36 of a pose: x, y, rotation about z.
 _COVARIANCE_PLACES = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
 
 

@@ -42,7 +42,7 @@ def joint_positions(arclength: Array, x: Array, y: Array, theta: Array) -> Array
     """
     ends = link_ends(arclength.size)
     along, up = np.diff(x[ends]), np.diff(y[ends])
-    # Of an arm that curls up, chords turn on and on.
+    # Unwrapped, because the chords of a curled arm may turn by more than half a turn.
     heading = np.unwrap(np.concatenate([[0.0], np.arctan2(up, along), theta[-1:]]))
     positions = np.empty(2 * along.size + 1)
     positions[::2] = np.diff(heading)

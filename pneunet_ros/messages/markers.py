@@ -22,7 +22,7 @@ from pneunet_ros.model.arm import Arm
 MARKERS_TYPE = 'visualization_msgs/msg/MarkerArray'
 TIP_FRAME = 'pneunet_tip'
 
-# Of visualization_msgs/Marker.
+# Constants of visualization_msgs/Marker.
 ARROW, LINE_STRIP, SPHERE_LIST = 0, 4, 7
 ADD, DELETE = 0, 2
 

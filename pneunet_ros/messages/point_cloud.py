@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.messages.builders import POINTS_TYPE, usable
 
-# What numpy holds as the size of one record.
+# Largest size of a record in numpy.
 _LARGEST_POINT = int(np.iinfo(np.intc).max)
 # Kinds of numbers by the `datatype` of a PointField.
 _KINDS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}

@@ -50,7 +50,7 @@ from pneunet_ros.messages.targets import TARGETS_OUTPUT
 PRESSURE_TYPE = 'sensor_msgs/msg/FluidPressure'
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
 TIP_POSE_TYPE = 'geometry_msgs/msg/PoseStamped'
-# What a point of `targets` may hold beside its id.
+# Fields of a point of `targets` in addition to its id.
 _OF_A_TARGET = ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
 

@@ -26,9 +26,9 @@ def target_points(sightings: TargetSightings) -> npt.NDArray[Any]:
     points = np.empty(len(sightings.x), TARGET_POINT)
     for name in TARGET_POINT.names or ():
         if name not in ('z', 'id'):
-            with np.errstate(over='ignore'):  # what no float32 holds is infinite
+            with np.errstate(over='ignore'):  # too large for float32: infinite
                 points[name] = getattr(sightings, name)
-    # A point that is not there has no coordinate at all.
+    # All coordinates of a missing point are NaN.
     points['z'] = np.where(np.isnan(sightings.x), np.nan, 0.0)
     points['id'] = np.arange(len(points))
     return points

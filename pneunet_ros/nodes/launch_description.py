@@ -50,7 +50,7 @@ def describe_launch(
         package_nodes = [
             item for item in started if getattr(item, 'node_package', None) == PACKAGE
         ]
-        # What is above a relative one is known to whoever includes this launch alone.
+        # The parent of a relative namespace is known only to the including launch file.
         if package_nodes and given['params_file'] and given['namespace'].startswith('/'):
             names = [full_name(item.node_executable, given) for item in package_nodes]
             check_names_some(given['params_file'], names)

@@ -78,7 +78,7 @@ class ParameterTable:
 
     def declare(self, node: Any) -> dict[str, Any]:
         """Declare all parameters; returns their values. RequestError names an invalid one."""
-        # What rclpy would say of an unfit value is a traceback, and then without the bounds.
+        # Checked before rclpy, which would print a traceback that does not state the bounds.
         given = {name: parameter.value for name, parameter in overrides(node).items()}
         self.settings(self.completed(given))
         try:

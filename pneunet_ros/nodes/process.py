@@ -42,19 +42,19 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
                 nodes.append(node)
                 executor.add_node(node)
                 _warn_of_missed_parameters(node, arguments)
-        # All made up to here stays; the collector need not look through it while readings wait.
+        # Objects made so far are permanent: exclude them from later garbage collections.
         gc.collect()
         gc.freeze()
-        # The handlers of rclpy wake a wait, and shut ROS down from another thread: not while a
-        # node is made.
+        # Only now: the handlers of rclpy shut ROS down from another thread, which must not happen
+        # while a node is being made.
         install_signal_handlers()
-        if not signal_came():  # which is lost where LLVM calls back while it compiles
+        if not signal_came():  # a signal during a callback of LLVM is lost
             executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:
         if signal_came():
-            return DONE  # a signal came, of which ROS has made an error of whatever it cut off
+            return DONE  # ROS raises an error for whatever the signal interrupted
         if not isinstance(error, PneunetError):
             raise
         print(printable(str(error)), file=sys.stderr)
@@ -63,7 +63,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         ignore_signals()
         for node in nodes:
             node.destroy_node()
-        gc.collect()  # a node that was cut off while it was made goes before ROS does
+        gc.collect()  # destroy a half-made node before ROS shuts down
         rclpy.try_shutdown()
         refuse_signals()
     return DONE

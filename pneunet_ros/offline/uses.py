@@ -113,7 +113,7 @@ def uses(
         topics = input_topics(recording, estimator, overrides)
         targets = targets_topic(recording, estimator, overrides)
         check_estimates(steps(recording, estimator, topics, targets))
-        # All that replay would decode, as one message that it cannot ends it.
+        # Decode every message that replay would, because an undecodable one ends it.
         deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
         return (
             '' if loaded else f'with --no-wrench-required, because there is no {END_WRENCH.name}'

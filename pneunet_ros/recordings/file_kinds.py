@@ -8,7 +8,7 @@ VIDEOS = ('.mp4', '.m4v', '.avi', '.mov', '.mkv', '.webm')
 COMPRESSED = ('.png', '.jpg', '.jpeg')
 PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
 TABLES = ('.csv', '.tsv')
-NO_LENS = 'none'  # what a person says instead of a file: the image is free of distortion
+NO_LENS = 'none'  # given instead of a file: images without distortion
 FOLDER_RATE = 30.0  # Hz
 
 

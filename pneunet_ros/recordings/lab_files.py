@@ -34,7 +34,7 @@ TRUTH = {
     **{name: Declared(axes=FRAMES) for name in ('x', 'y', 'theta')},
 }
 MEMORY = {'memory': Declared(kind='text')}
-# What a text that is not a memory of the lab is met with on the way to its numbers.
+# Errors while reading numbers from a text that is not a memory of the lab.
 NO_MEMORY = (
     OSError,
     ArchiveError,

@@ -166,7 +166,7 @@ class _Scan:
             why = 'cut_off' if reason == CUT_OFF else 'damaged'
             yield Note(f'{reason}: {count} messages were read', reason=why)
         elif self.skipped:
-            pass  # what follows would say the same
+            pass  # the next checks would report the same damage
         elif self.data_end is None:
             yield Note(
                 f'is damaged: the end of its data is not marked; {count} messages were read',
@@ -223,9 +223,9 @@ class _Scan:
                 cut_off = end > self.size
                 if opcode == Opcode.FOOTER:
                     return CUT_OFF if end + len(MAGIC) > self.size else None
-                if opcode == 0:  # what some file systems leave after a crash
+                if opcode == 0:  # as some file systems leave it after a crash
                     return f'contains only zeros from byte {position} on'
-                if opcode != Opcode.MESSAGE and run.count:  # what comes may be of any length
+                if opcode != Opcode.MESSAGE and run.count:  # the next record may be of any length
                     self._block(run, position, loose=True)
                     run = _Run(position)
                 if opcode == Opcode.CHUNK:
@@ -277,14 +277,14 @@ class _Scan:
             most = LIMITS.records * self.size
             for opcode, first, last in records(data):
                 self.packed += 1
-                if self.packed > most:  # before all of them have taken their time
+                if self.packed > most:  # stop before reading all of them
                     raise self._refusal('more records than it has bytes')
                 if opcode == Opcode.MESSAGE:
                     self._message(run, *message_head(data, first, last))
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._definition(opcode, bytes(data[first:last]))
         except DAMAGE as error:
-            if not cut_off:  # of one that is cut off, nothing may be there yet
+            if not cut_off:  # a truncated chunk may be empty
                 why = ' '.join(str(error).split()) or 'it cannot be unpacked'
                 self.skipped.append((start, why))
             return

@@ -27,7 +27,7 @@ FOOTER = struct.Struct('<QQI')  # start of summary, start of its offsets, checks
 CHECKSUM = struct.Struct('<I')
 PIECE = 1 << 20  # bytes read at a time for a checksum
 
-# What the decompressors and the parsing of damaged bytes raise.
+# Errors of the decompressors, and of parsing damaged bytes.
 DAMAGE = (ValueError, OverflowError, struct.error, RuntimeError, zstandard.ZstdError, McapError)
 
 _CHUNK_CHECKSUM = struct.calcsize('<QQQ')  # bytes before it in a chunk
@@ -77,7 +77,7 @@ def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
     data: bytes | memoryview = body[named + STORED_SIZE.size :][:stored]
     if size > LIMITS.chunk:
         raise ValueError(f'it has {size} bytes, more than {LIMITS.chunk}')
-    # No more is unpacked than was announced, whatever the bytes would become.
+    # Never unpack more than the announced size.
     if compression == 'zstd':
         data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
     elif compression == 'lz4':

@@ -37,13 +37,13 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 BARE = 'of-a-bare-file'  # name of the folder out of which such a file is taken
 BARE_SUFFIX = '.mcap'  # of a recording that is a single file
 VERSION = 9  # of the metadata
-CHUNK = 1 << 20  # bytes of messages in one, as rosbag2 has it
+CHUNK = 1 << 20  # bytes of messages per chunk, as in rosbag2
 MESSAGE = struct.Struct(RECORD_HEAD.format + MESSAGE_HEAD.format.lstrip('<'))
 PLAIN_TEXT = re.compile(r'[A-Za-z/_][A-Za-z0-9_./-]*')  # needs no quotes in YAML
 YAML_WORDS = frozenset({'null', 'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n'})
 _FOREVER = {'sec': 9_223_372_036, 'nsec': 854_775_807}  # how rosbag2 writes an infinite duration
 
-# What `ros2 bag play` shall offer: what the estimator offers live.
+# The QoS for `ros2 bag play`, as of the live estimator.
 PLAYBACK_QOS = {
     'history': 'keep_last',
     'depth': 10,

@@ -21,7 +21,7 @@ KNOWN_NAMES = '`pneunet import --help` lists them'
 
 IN_BASE = ('force_x', 'force_y')
 OF_STRINGS = ('force_a', 'angle_a', 'force_b', 'angle_b')
-# What a sensor gives for each target, and all of its components, which come together.
+# Components of a sensor with values per target, each with all others that must accompany it.
 TOGETHER = {
     item.name: tuple(other.name for other in sensor.components)
     for sensor in SENSORS
@@ -29,7 +29,7 @@ TOGETHER = {
     for item in sensor.components
 }
 _KINDS = {item.name: item.kind for sensor in SENSORS for item in sensor.components}
-# What a table may hold, and the kind of its unit; those of TOGETHER carry the index of a target.
+# Possible columns and the kind of their unit; those of TOGETHER carry the index of a target.
 KINDS = {
     TIME: 'time',
     **{name: kind for name, kind in _KINDS.items() if name not in TOGETHER},
@@ -88,9 +88,9 @@ _BARE = {
     **{unit: f'pressure_{unit}' for unit in SI_PER_UNIT['pressure'].keys() - {'at', 'atm'}},
 }
 _PREPOSITIONS = ('at',)
-# What others call a time or a pressure, which its unit makes sure.
+# Other names of a time or a pressure, made unambiguous by the unit.
 _UNMISTAKABLE = {'t': TIME, 'elapsed': TIME, 'timestamp': TIME, 'p': 'pressure'}
-# What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
+# Other names of a quantity, only to suggest it: a single letter is ambiguous.
 _OTHER_WORDS = {
     't': TIME,
     'timestamp': TIME,
@@ -103,7 +103,7 @@ _OTHER_WORDS = {
     'f2': 'force_y',
     'm': 'moment',
     'mz': 'moment',
-    'angle': 'tip_heading',  # and not that of a string: most loggers of actuators have no other
+    'angle': 'tip_heading',  # not that of a string, which loggers rarely have
     'bending_angle': 'tip_heading',
     'theta': 'tip_heading',
     # of other languages
@@ -112,7 +112,7 @@ _OTHER_WORDS = {
     **dict.fromkeys(('druck', 'pression', 'presión', 'presion', 'pressione', 'druk'), 'pressure'),
     **dict.fromkeys(('压力', '圧力'), 'pressure'),
 }
-# What a sensor gives before anybody has calibrated it: no unit of a quantity.
+# Units of uncalibrated sensors: not units of a quantity.
 _RAW = ('v', 'volt', 'volts', 'mv', 'adc', 'raw', 'count', 'counts', 'analog')
 _OF_SENSOR = frozenset({'pressure', 'press', 'p', 'sensor', 'adc', 'raw', 'analog'})
 
@@ -342,7 +342,7 @@ def _unknown_columns(names: list[str], there: Collection[str]) -> str:
     )
     more = f' and {len(names) - _NAMES_SHOWN} more' if len(names) > _NAMES_SHOWN else ''
     noun, verb = ('column', 'is') if len(names) == 1 else ('columns', 'are')
-    # Of several units the one that must be chosen stands there as a word to be replaced.
+    # If there are several units, a placeholder stands for the one to choose.
     meant = [
         f'{name}={_one_unit(known)}{"_abs" * names_absolute(name)}'
         for name, known in likely.items()

@@ -335,7 +335,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
 def _exact(path: Path, line: int, name: str, text: str) -> Decimal | None:
     try:
         value = None if text.lower() in MISSING else Decimal(text)
-    except InvalidOperation as error:  # what float takes, Decimal takes
+    except InvalidOperation as error:  # Decimal accepts every text that float accepts
         raise RecordingError(
             f'{path}, line {line}, column {name}: no number', reason='not_a_number'
         ) from error

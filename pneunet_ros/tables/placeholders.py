@@ -11,8 +11,8 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.tables.columns import Column, TIME, TOGETHER
 
-# What trackers (OpenCV, AprilTag, motion capture) and loggers write where they have nothing:
-# decimal nines, minus one, and the ends of 16 and 32 bits.
+# Written for missing values by trackers (OpenCV, AprilTag, motion capture) and loggers: decimal
+# nines, minus one, and the limits of 16 and 32 bits.
 PLACEHOLDERS = (
     0.0, -1.0, 999.0, -999.0, 9999.0, -9999.0, 99999.0, -99999.0, 32767.0, -32768.0, 65535.0,
     2147483647.0, -2147483648.0, 4294967295.0,

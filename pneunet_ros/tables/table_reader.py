@@ -314,7 +314,7 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
         return
     times = table.numbers[time.name]
     steps = np.abs(np.diff(times[np.isfinite(times)]))
-    steps = steps[steps > 0.0]  # what repeats or goes back is refused with its line
+    steps = steps[steps > 0.0]  # repeated or decreasing times are rejected with their line
     step = float(np.median(steps)) if steps.size else 0.1
     if SMALLEST_STEP <= step < LARGEST_STEP:
         return

@@ -20,10 +20,10 @@ def run(arguments: Namespace) -> int:
     with alone(), verb.progress_bar(shown=not arguments.json) as bar:
         already_compiled = kernels_kept()
         if not already_compiled:
-            # What waits for its turn need not have imported all that has kernels.
+            # Imported only now, so that a process that waits for another one stays small.
             from pneunet_ros.offline.kernels import call_kernels
 
-            gc.disable()  # nearly all that numba makes is kept; to look for what is not takes long
+            gc.disable()  # numba keeps nearly all objects, so collections are slow and useless
             task = bar.add_task('compiling', total=None)
             call_kernels(
                 lambda name, done, total: bar.update(

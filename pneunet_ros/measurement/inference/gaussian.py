@@ -165,7 +165,7 @@ def innovation_factor(seen: Array) -> Array:
     """
     covariance = seen @ seen.T
     covariance.flat[:: len(seen) + 1] += 1.0
-    factor, _ = dpotrf(covariance.T, lower=1, overwrite_a=1)  # as Fortran has it: it is symmetric
+    factor, _ = dpotrf(covariance.T, lower=1, overwrite_a=1)  # in Fortran order; symmetric
     return np.asarray(factor)
 
 

@@ -29,7 +29,7 @@ def serve_action(node: Any, goals: GripperGoals) -> Any:
     """Open the action server; returns objects that must be kept alive."""
     from rclpy.action import ActionServer, CancelResponse
 
-    node.is_polled = True  # what an action waits for wakes no executor of ours
+    node.is_polled = True  # an action does not wake our executor
     return ActionServer(
         node,
         goals.kind,

@@ -56,7 +56,7 @@ class TrackerHealth(InputHealth):
     def _verdict(self, now: float) -> tuple[Level, str]:
         errors, warnings = self.problems()
         if self.silence(now) > IMAGE_TIMEOUT:
-            # What was refused in the meantime is the likely cause.
+            # Recent refusals are the likely cause.
             return Level.ERROR, '; '.join([self.silence_sentence(now), *errors, *warnings])
         if errors:
             return Level.ERROR, '; '.join(errors)
