@@ -30,7 +30,7 @@ import scipy
 DELAY_STD = 0.1  # s, half of the prior of camera_delay
 RATE_STD = 0.01  # one of every hundred frames is lost
 CRYSTAL_STD = 1e-4  # of two correct clocks, from data sheets of crystals
-ODDS_AGAINST = 5.0  # nats, that a clock is wrong: one in 150, as of a cause in the fusion
+ODDS_AGAINST = 5.0  # nats against a wrong clock: one in 150, as of a cause in the fusion
 STEP = 0.1  # s, of a central difference; over less, noise of readings dominates
 MOST_ROUNDS = 6  # calibrations, each with corrected stamps
 FEWEST = 20  # frames, as for a diagnosis over time

@@ -215,7 +215,7 @@ class FitSequence:
         law = self.law(LinearLaw.kind, likely)
         frames = self.settings.experiments.first_frames
         found = float(self._add_law('stiffness', runs, free, law, frames).values[-1])
-        return found if found > 0.0 else likely  # no law has another sign
+        return found if found > 0.0 else likely  # a stiffness is positive
 
     def likely_stiffness(
         self, runs: Sequence[RecordingData], arm: Arm, placement: Array | None = None

@@ -15,8 +15,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-MOST_TURNS = 2.0  # of a tip, beyond which no arc is tried; invented
-ARCS = 401  # that are tried
+MOST_TURNS = 2.0  # of a tip: largest arc tried; invented
+ARCS = 401  # tried
 
 
 def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) -> Array:

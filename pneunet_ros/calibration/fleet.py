@@ -19,10 +19,10 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.model.arm import Arm
 import scipy
 
-MEDIAN_SQUARE = 0.454936423119572  # median of the square of a standard normal number
+MEDIAN_SQUARE = 0.454936423119572  # median of the square of a standard normal variable
 STATIONS = 101  # along the arm, for means over it
-ROUNDS = 20  # of the most probable center and scatter: a fixed point
-TURNS = 6  # of center and scatter by medians: a fixed point
+ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
+TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
 
 

@@ -26,8 +26,8 @@ from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
 import scipy
 
-MOST_STEPS = 25  # of Gauss-Newton: a fit that needs more is said not to have settled
-MOST_HALVINGS = 8  # of a step, until it lowers the cost
+MOST_STEPS = 25  # Gauss-Newton steps; a longer fit counts as not converged
+MOST_HALVINGS = 8  # of a step, to lower the cost
 
 NONE = frozen_array(np.zeros(0))
 
@@ -209,7 +209,7 @@ def fit(
         scaled = last.scaled + step
         try:
             return scaled if posterior.cost(scaled, last) < last.cost else None
-        except ModelError:  # no such arm: a rigidity through zero
+        except ModelError:  # no such arm: its rigidity would be zero
             return None
 
     search = gauss_newton(

@@ -156,7 +156,7 @@ class PiecewiseParameters(MomentLawParameters):
         return tuple(names), change
 
 
-LEAST_SHARE = 1e-3  # of the stiffness where the search begins: no soft arm has less
+LEAST_SHARE = 1e-3  # of the initial stiffness: a lower bound for soft arms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.solver.columns import REST_STRAIN
 import scipy
 
-NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
+NUGGET = 3e-9  # added to the variance of the prior, relative, so that it can be inverted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,7 +171,7 @@ class Parameters:
 
     def arm(self, values: Array) -> Arm:
         """Return the arm with these values; ModelError if they are invalid."""
-        table = self.nearest(values)[: self.cells]  # the prior allows others by its nugget
+        table = self.nearest(values)[: self.cells]  # the nugget of the prior allows other values
         table = table.reshape(self.pressure.size, self.arclength.size)
         curvature = IntrinsicCurvature(
             pressure=self.pressure, arclength=self.arclength, curvature=table

@@ -18,10 +18,10 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 
-ERROR_STEPS = (0, 3)  # when what the model leaves open is computed: it changes little
-MOST_STEPS = 30  # of Gauss-Newton: forces that do not settle are withheld
-LEAST_SHARE = 0.05  # of a step that is taken, where steps swing
-SMALL_STEP = 1e-4  # sigma of the force; a step that ends the search
+ERROR_STEPS = (0, 3)  # at which the model errors are evaluated: they change little
+MOST_STEPS = 30  # Gauss-Newton steps; forces that have not converged are withheld
+LEAST_SHARE = 0.05  # smallest relaxation factor, if steps oscillate
+SMALL_STEP = 1e-4  # sigma of the force: convergence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,7 +12,7 @@ from rich.measure import Measurement
 from rich.table import Column, Table
 
 ANY_WIDTH = 10_000  # letters
-FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
+FRAME, EDGE = 3, 1  # letters in addition to the text: per column, and per table
 
 
 def print_table(console: Console, table: Table, empty: str = 'none') -> None:

@@ -10,7 +10,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import ImportRequest
 
-AUTO = 'auto'  # a delay that is to be estimated
+AUTO = 'auto'  # estimate the delay
 
 
 def add_table_options(parser: ArgumentParser) -> None:

@@ -78,7 +78,7 @@ def progress_bar(shown: bool) -> Progress:
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True, quiet=hidden),  # before 13.8 rich ends it with a newline
+        console=Console(stderr=True, quiet=hidden),  # rich before 13.8 ends it with a newline
         transient=True,
         disable=hidden,
     )

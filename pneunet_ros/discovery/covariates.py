@@ -18,15 +18,15 @@ from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.discovery.settings import COVARIATES
 from pneunet_ros.measurement.dataset import RecordingData
 
-LEAST_SPREAD = 1e-6  # of the largest value: below it a covariate is constant but for rounding
+LEAST_SPREAD = 1e-6  # of the largest value: below it a covariate is constant up to rounding
 
 Group = Literal['constant', 'pressure', 'past', 'load', 'time']
 CONSTANT, ELAPSED, PLAY, RATE = '1', 't', 'side of the play', 'dp/dt'
 # Widths of plays, in units of the usual one: sums of them come near to any hysteresis
 # (Prandtl-Ishlinskii).
 PLAYS = {'side of a narrow play': 0.5, PLAY: 1.0, 'side of a wide play': 2.0}
-MEANS = {'past 3 s': 3.0, 'past 10 s': 10.0, 'past 30 s': 30.0}  # s, over which a mean is taken
-RATE_TIME = 0.3  # s, over which the rate of a pressure is taken: noise of readings averages out
+MEANS = {'past 3 s': 3.0, 'past 10 s': 10.0, 'past 30 s': 30.0}  # s, averaging times
+RATE_TIME = 0.3  # s, averaging time of the rate of a pressure, because of the noise of readings
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 
-MOST = 1e3  # bounds of a parameter: so many times what is usual
+MOST = 1e3  # bounds of a parameter, relative to its usual size
 LAW_ERROR = 0.1  # invented: as of most effects; an arm that is new follows no law of few terms
 PREFIX, POSITION = 'proposed_', 'position'
 LINE = 99

@@ -30,7 +30,7 @@ from pneunet_ros.discovery.time_law import (
     wandering_courses,
 )
 
-STEP = 1e-3  # of the prior of an amplitude: the size of unit fields
+STEP = 1e-3  # of the prior of an amplitude: difference step of unit fields
 Found = TypeVar('Found', Law, 'Suspect')
 
 
@@ -107,7 +107,7 @@ class Search:
         fields = self.unit_fields(kind, position, CONSTANT, STEP * kind.prior)
         groups = {*kind.follows, 'time'}
         followed = [item for item in self.covariates.values() if item.meaning.group in groups]
-        if fields is None or not followed:  # frames that are steady states have no past
+        if fields is None or not followed:  # steady states have no history
             return None
         factors = [
             kind.prior * np.column_stack([item.scaled(which) for item in followed])

@@ -10,7 +10,7 @@ from pneunet_ros.discovery.kinds import Kind, KINDS
 from pneunet_ros.discovery.result import TermOfLaw
 from pneunet_ros.discovery.time_law import Swing
 
-MOST_TIED = 3  # kinds that are named in a sentence
+MOST_TIED = 3  # kinds named in a sentence
 
 
 def law_sentence(

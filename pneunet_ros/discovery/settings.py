@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.settings import tuning
 
-GRID = 9  # places tried along the arm, before the best is refined
-REFINEMENTS = 3  # halvings of the distance between places
+GRID = 9  # positions tried along the arm, before the best is refined
+REFINEMENTS = 3  # halvings of the distance between positions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

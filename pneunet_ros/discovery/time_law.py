@@ -20,8 +20,8 @@ from pneunet_ros.discovery.settings import LAW
 import scipy
 
 CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
-DIRECTIONS = 24  # of a wandering amplitude in a recording
-MODULATIONS = ('1', 'p')  # a swing of the same size, and one that grows with the pressure
+DIRECTIONS = 24  # principal components of a wandering amplitude in a recording
+MODULATIONS = ('1', 'p')  # constant amplitude, or one that grows with the pressure
 PERIODS = 160  # tried, evenly in frequency
 
 

@@ -20,7 +20,7 @@ DIRECTIONS = (
     ((0.7, 0.7), 'between E1 and E2'),
     ((0.7, -0.7), 'between E1 and -E2'),
 )
-LEVELS = ((0.15, 0.85), (0.4, 1.0), (0.0, 0.6))  # shares of the range at which forces are swept
+LEVELS = ((0.15, 0.85), (0.4, 1.0), (0.0, 0.6))  # of the pressure range, at which forces are swept
 
 
 def experiments() -> Iterator[Experiment]:

@@ -15,7 +15,7 @@ from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 from pneunet_ros.diagnosis.settings import SELECTION
 
-NOTHING = 'nothing'  # the rival that nothing is missing, beside what is named
+NOTHING = 'nothing'  # the rival without a missing effect besides the named ones
 
 
 def named_effects(investigation: Investigation | UnsettledInvestigation) -> frozenset[str]:

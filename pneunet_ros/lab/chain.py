@@ -13,8 +13,8 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain_kernels import equilibria
 
-SETTLED = 1e-10  # m, between how far the peg is pushed in and what its push says
-TURNED = 1e-9  # rad, between where a push points and the normal of the arm there
+SETTLED = 1e-10  # m, largest difference between the depth of the peg and its push
+TURNED = 1e-9  # rad, largest difference between a push and the normal of the arm
 MOST_STEPS = 60
 
 

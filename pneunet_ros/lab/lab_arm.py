@@ -15,8 +15,8 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 
-CAP_BEGINS = 1e-9  # beyond the soft end, of half the length
-VARIATION = 0.15  # largest share by which a seed changes a parameter of the arm
+CAP_BEGINS = 1e-9  # of half the length, beyond the soft end
+VARIATION = 0.15  # largest relative change of a parameter of the arm by a seed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -24,12 +24,12 @@ from pneunet_ros.lab.history_kernels import (
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, relative_pressure
 
-RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
-RECOVERING = 0.05  # that part; invented, in real rubber it is small at room temperature
+RECOVERY_TIME = 120.0  # s, time constant of the recovering part of a rich Mullins effect
+RECOVERING = 0.05  # the recovering part; invented, real rubber recovers less at room temperature
 # Share of the arm's largest pressure over which a softened arm comes back to its first curve:
 # hardly any by the plain law, and more by a rich one.
 REJOINING, RICH_REJOINING = 0.002, 0.02
-CLAMP_YIELD = 0.1  # rad, at which a rich clamp is twice as stiff
+CLAMP_YIELD = 0.1  # rad, at which a rich clamp has twice its stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -54,8 +54,8 @@ SCENE: Final = Scene(
     blur=0.75,
     noise=0.85,
 )
-SMALL_FORCE = 1e-3  # of the weight of an arm: its tip gives in proportion to it
-MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
+SMALL_FORCE = 1e-3  # of the weight of an arm: small enough for a linear response
+MIDDLE = 0.5  # share of the recording time at which a rich camera effect is evaluated live
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,8 +18,8 @@ from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
 
-MOST_TURNS = 200  # of a string after the tip
-TIP_RESTS = 1e-7  # of the length: it moves by less
+MOST_TURNS = 200  # iterations of the direction of a string
+TIP_RESTS = 1e-7  # of the length: largest motion of a tip that has converged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,10 +15,10 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, NANOSECONDS_PER_SECOND, quantity
 import scipy
 
-DRIFT_KNOTS = 9  # of the random walk that the drift is
+DRIFT_KNOTS = 9  # of the random walk of the drift
 OCCLUSION = 0.3, 1.2  # s, shortest and longest
 HIDDEN = 2, 5  # targets, fewest and most, by one occlusion
-START = 1_750_000_000  # s, stamp at which the first recording of a lab may begin
+START = 1_750_000_000  # s, earliest stamp of the first recording of a lab
 _SIZE = (0.0, 1e6)
 
 

@@ -22,12 +22,12 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
 import scipy
 
-PATH_NODES = 9  # of the camera's path in one recording, straight lines between
+PATH_NODES = 9  # of the camera path in one recording, linear in between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 OF_RUN = 2 * PATH_NODES + LOADS  # unknowns of one recording
 FEWEST_OF_ROW = 3  # targets beyond the clamp: two cannot separate spacing from scale
-SMALLEST_STD = 1e-7  # m, N and N m: stands for zero
+SMALLEST_STD = 1e-7  # m, N and N m, in place of zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

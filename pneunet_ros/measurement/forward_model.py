@@ -41,7 +41,7 @@ from pneunet_ros.solver.frame_series import (
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, MOST_TURNS, SOLVER, TURNED
 
-LOAD_STEP = 1e-4  # of weight and length: of differences where effects go with the end load
+LOAD_STEP = 1e-4  # of weight and length: difference step where effects depend on the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
 

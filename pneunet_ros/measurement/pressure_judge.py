@@ -120,10 +120,10 @@ class PressureJudgeSettings(JudgeSettings):
 
 JUDGE = PressureJudgeSettings()
 USUAL_UNITS = ('Pa', 'hPa', 'kPa', 'bar', 'psi')
-RARE_UNITS = ('MPa', 'mmHg')  # others are close to one of these, or named by who uses them
-LEAST = 1e-300  # whose logarithm is a number
-FULL_VACUUM = 1.0e5  # Pa below the air: less than nothing
-IMPOSSIBLE = -1e6  # log likelihood of what cannot be
+RARE_UNITS = ('MPa', 'mmHg')  # all others are close to one of these, or are named by their users
+LEAST = 1e-300  # smallest number with a finite logarithm
+FULL_VACUUM = 1.0e5  # Pa below the atmosphere: no lower pressure is possible
+IMPOSSIBLE = -1e6  # log likelihood of an impossible reading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -465,7 +465,7 @@ def log_prior(
     if meaning.offset not in (0.0, declared.offset):
         smallest_offset = min(settings.offset, DOMAIN.pressure_margin * expected.reach)
         if abs(meaning.offset - declared.offset) < smallest_offset:
-            return IMPOSSIBLE  # that is a zero error, and no other meaning
+            return IMPOSSIBLE  # a zero error, not another meaning
         spread = math.hypot(settings.zero_span * expected.reach, settings.offset)
         deviation = meaning.offset / spread
         weight += math.log(settings.unset_zero) - 0.5 * deviation * deviation
@@ -489,7 +489,7 @@ def log_likelihood(
     air = air_density(meaning.ambient, settings) if absolute else 0.0
     vented = settings.vented * at_zero * (air if absolute else log_uniform)
     if absolute and meaning.ambient != declared.ambient:
-        held = 0.0  # the lowest reading is that of the air
+        held = 0.0  # the lowest reading is the ambient pressure
     above = high if expected.high > settings.offset else 0.0
     below = -low if expected.low < -settings.offset else 0.0
     used = min(max(above, below, 0.0) / expected.reach, 1.0)

@@ -119,7 +119,7 @@ def shift_of_snapped_frames(
     for angle in np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS):
         offset = settings.search_radius * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
         stepped = model.subset(snapped)
-        stepped.known[:] = False  # from the measured shape
+        stepped.known[:] = False  # start at the measured shape
         stepped.solve(arm, snapped_inputs.with_loads(snapped_inputs.loads + offset))
         new_distance = distance_to_targets(stepped, measured[snapped])
         better = new_distance < limit

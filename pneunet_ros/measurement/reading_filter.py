@@ -33,7 +33,7 @@ class ReadingFilterSettings:
 
 
 READING_FILTER = ReadingFilterSettings()
-NO_NOISE = 1e-9  # of the range of the readings: stands for a std of zero
+NO_NOISE = 1e-9  # std in place of zero, relative to the range of the readings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

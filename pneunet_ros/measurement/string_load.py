@@ -11,7 +11,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.string import radius_of, String
 
-CURVE = 3  # targets through which a curve goes on to a tip beyond the last one
+CURVE = 3  # last targets whose curve is extrapolated to the tip
 
 
 def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:

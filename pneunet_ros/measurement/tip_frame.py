@@ -23,7 +23,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 import scipy
 
-MOST_POSES = 100  # that are used, evenly spread: CPU
+MOST_POSES = 100  # used, evenly spread: CPU
 
 Places = npt.NDArray[np.complex128]
 
@@ -59,9 +59,9 @@ class TipFrameSettings:
 
 
 TIP_FRAME = TipFrameSettings()
-ANY_ANGLE = math.pi / math.sqrt(3.0)  # rad, one sigma of an angle that may be any
-DIRECTIONS = 12  # the search begins in
-MODES = 4  # Legendre polynomials by which the curvature departs from its mean
+ANY_ANGLE = math.pi / math.sqrt(3.0)  # rad, one sigma of an unknown angle
+DIRECTIONS = 12  # in which the search starts
+MODES = 4  # Legendre polynomials of the departure of the curvature from its mean
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
@@ -177,7 +177,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
         for turn in (1.0,) if known.all() else (-1.0, 1.0):
             start = np.full(3 + np.count_nonzero(~known), turn)
             start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
-            with np.errstate(all='ignore'):  # of poses that show nothing; judged below
+            with np.errstate(all='ignore'):  # poses may determine nothing; checked below
                 search = scipy.optimize.least_squares(residual, start, x_scale='jac', max_nfev=200)
             if best is None or search.cost < best.cost:
                 best = search

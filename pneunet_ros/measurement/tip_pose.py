@@ -10,7 +10,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-AT_TIP = 1e-6  # of the length, between a target and the tip that are one
+AT_TIP = 1e-6  # of the length: largest distance of a target that counts as the tip
 
 
 def with_tip_target(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 
-NUMBER = 'publication_sequence_number'  # of a message's info; None if the middleware has none
+NUMBER = 'publication_sequence_number'  # in the info of a message; None if the middleware has none
 
 
 class Losses:
@@ -16,7 +16,7 @@ class Losses:
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
-        self._several: set[str] = set()  # topics whose last number may be of one that is gone
+        self._several: set[str] = set()  # topics whose last number may be of a former publisher
         self._unreported: Counter[str] = Counter()
         self.total: Counter[str] = Counter()
 

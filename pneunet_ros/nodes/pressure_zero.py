@@ -16,8 +16,8 @@ from pneunet_ros.model.arm import Arm
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-SPAN = 1.0  # s of pressure readings that are looked at
-MOST_READINGS = 1000  # no more than the last so many are kept
+SPAN = 1.0  # s of pressure readings that are averaged
+MOST_READINGS = 1000  # largest number of kept readings
 
 
 class PressureZero:

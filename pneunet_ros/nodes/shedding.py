@@ -19,7 +19,7 @@ MOST_WAITING = 20
 # The same time at any rate: all frames of a backlog are dropped, and a gap of `target_timeout`
 # would leave the fusion without the camera.
 LONGEST_BACKLOG_NS = 200_000_000
-FEW_WAITING = 1  # pressure: that of a frame comes just after it
+FEW_WAITING = 1  # pressure: that of a frame arrives just after it
 
 
 class FrameShedding:

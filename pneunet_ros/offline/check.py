@@ -61,7 +61,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
             own_model=request.own_model,
         )
     except RecordingError:
-        verdicts = NO_VERDICTS  # why is among the sentences
+        verdicts = NO_VERDICTS  # the sentences report the reason
     about = doubts(series, request, verdicts)
     sentences = [*about, *sentences] if verdicts.doubted else [*sentences, *about]
     run = run_reader(recording, request)

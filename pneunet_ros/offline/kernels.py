@@ -37,14 +37,14 @@ from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.vision.tracker import Tracker, TrackerState
 
-RECORDING = 'strings'  # the scenario of it
-DURATION = 6.0  # s of it
-MESSAGES = 200  # of it are replayed
-MOVING_MESSAGES = 10  # by an arm with mass
-FRAMES = 4  # of a recording, for a fit that nobody reads
+RECORDING = 'strings'  # name of its scenario
+DURATION = 6.0  # s of the recording
+MESSAGES = 200  # replayed messages
+MOVING_MESSAGES = 10  # the same, for an arm with mass
+FRAMES = 4  # of the recording, for a fit whose result is not used
 IMAGES = 14
-PRESSURE = 2000.0  # Pa, by which the arm is inflated from image to image once it has rested
-PERIOD_NS = 100_000_000  # from image to image
+PRESSURE = 2000.0  # Pa per image, after the images at rest
+PERIOD_NS = 100_000_000  # between images
 
 
 def call_kernels(on_progress: OnProgress = say_nothing) -> None:

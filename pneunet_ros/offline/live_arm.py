@@ -17,7 +17,7 @@ from pneunet_ros.exploration.safe_set import SafeSet
 
 NAMESPACE = '/pneunet'
 NODE = 'pneunet_ros.nodes.experiment'
-VENTED = 10.0  # s, in which an experiment that is interrupted has vented the arm
+VENTED = 10.0  # s, in which an interrupted experiment vents the arm
 
 
 def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
@@ -40,7 +40,7 @@ def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
             try:
                 _, errors = process.communicate(json.dumps(corners.tolist()))
             except KeyboardInterrupt:
-                process.send_signal(signal.SIGINT)  # it may not have come from a terminal
+                process.send_signal(signal.SIGINT)  # the signal may not have come from a terminal
                 process.wait(VENTED)
                 raise
         if process.returncode:

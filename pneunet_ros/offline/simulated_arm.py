@@ -22,7 +22,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.recordings.lab_files import write_lab
 
-PLACES, DEGREE = 201, 12  # at which a model's curvature is read, and of the polynomials
+PLACES, DEGREE = 201, 12  # stations of the curvature of a model, and degree of the polynomials
 
 
 @dataclass(slots=True, kw_only=True)

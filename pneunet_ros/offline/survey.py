@@ -32,7 +32,7 @@ from pneunet_ros.tables.header import delimiter
 ROLES = ('unloaded', 'loaded', 'heldout')
 ARM = 'arm.yaml'
 COLUMNS = ('name', 'arm', *ROLES)
-ARMS, ROW = 'arms', 'arm.json'  # folder of all arms in the output, and the row of one in its own
+ARMS, ROW = 'arms', 'arm.json'  # folder of all arms in the output, and file with the row of an arm
 MOST_BYTES = 10_000_000  # of a table of arms
 
 Files = Mapping[str, bytes]  # by their place in the folder of the arm

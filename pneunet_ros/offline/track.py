@@ -25,8 +25,8 @@ from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.rows.row import CAUSES
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
-OFTEN = 0.03  # share of the frames in which a target is missing, from which on it is said
-UPRIGHT_FRAMES = 30  # frames of an upright arm alone, after which all others are like them
+OFTEN = 0.03  # share of the frames without a target, above which a note is given
+UPRIGHT_FRAMES = 30  # frames with an upright arm, after which the film is rejected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,7 +61,7 @@ def look_ahead(
                 frames += 1
                 on_frame(TrackStep(item=item, frame=True, outcome=outcome, state=state))
                 if outcome.reason != RESTING:
-                    first = first or outcome.sentence  # of the arm at rest, which may move later
+                    first = first or outcome.sentence  # the arm at rest may move later
                 if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
                     raise CameraError(f'{first} (track: --clamp-pixel U V)', reason='wrong_end')
         if state.plane is not None or state.resets:

@@ -52,7 +52,7 @@ from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.vision.camera.camera_model import Lens
 
-SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
+SOLVES_TRIED = 20  # readings without an equilibrium, after which the check stops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

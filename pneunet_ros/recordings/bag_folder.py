@@ -16,11 +16,11 @@ from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
 from pneunet_ros.recordings.plain_mcap import PACKED, SQLITE
 
 METADATA = 'metadata.yaml'
-FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all that belongs to such a folder
+FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all files in such a folder
 FILES = tuple(f'*{kind}{packed}' for kind in ('.mcap', SQLITE) for packed in ('', PACKED))
 STORAGES = ('mcap', 'sqlite3')
 NAMES_SHOWN = 12
-LONGEST_NAME = 40  # characters of a way of storing, in a sentence
+LONGEST_NAME = 40  # characters of the name of a storage, in a sentence
 FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
 
 

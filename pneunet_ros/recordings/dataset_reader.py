@@ -135,7 +135,7 @@ def read_run(
                     reason='known_load',
                 )
             )
-        if by_string is not None:  # it goes with the tip, from frame to frame
+        if by_string is not None:  # its direction follows the tip
             load = np.column_stack(
                 [interpolate(frames.stamp_ns, wrench.stamp_ns, one) for one in wrench.values.T]
             )

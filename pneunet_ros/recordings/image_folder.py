@@ -24,7 +24,7 @@ from pneunet_ros.recordings.image_stream import (
     StreamItem,
 )
 
-LARGEST_PICTURE = 200_000_000  # bytes; a tiff of 64 megapixels and 3 channels has as many
+LARGEST_PICTURE = 200_000_000  # bytes, as of a tiff of 64 megapixels and 3 channels
 
 
 def picture_files(folder: Path) -> list[Path]:

@@ -23,7 +23,7 @@ from pneunet_ros.recordings.video_file import video_images
 from pneunet_ros.vision.camera.camera_model import Lens
 
 IMAGE_TYPES = {'image_raw': IMAGE_TYPE, 'image_raw/compressed': COMPRESSED_TYPE}
-TOPIC_NAMES = ('image_raw', 'camera_info')  # what --topic may name
+TOPIC_NAMES = ('image_raw', 'camera_info')  # allowed in --topic
 BEHIND_STAMP = 12  # bytes: encapsulation, seconds, nanoseconds
 DECODERS = {item.type: item.decode for item in TRACKER_INPUTS}
 
@@ -159,7 +159,7 @@ def _recorded_items(
     for name, log_time_ns, raw in recording.raw_messages([*decoded, *passed_on]):
         reading: Image | Lens | MessageError | CameraError | None = None
         if name == info_topic and raw[BEHIND_STAMP:] == last_content:
-            reading = lens  # nothing but the stamp is new
+            reading = lens  # only the stamp has changed
         elif name in topics:
             kind = topics[name].type
             try:

@@ -25,7 +25,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 NAMESPACE = '/pneunet'
 PRESSURE_FRAME = 'pressure_sensor'
 TRANSPORT_NS = 1_000_000  # from sensor to recorder
-TRACKING_NS = 20_000_000  # from exposure to recorder, with all that the tracker does
+TRACKING_NS = 20_000_000  # from exposure to recorder, including the tracker
 
 FRAMES = ('frames', 'stations')
 TRUTH = {

@@ -19,10 +19,10 @@ from pneunet_ros.recordings.limits import LIMITS
 import zstandard
 
 MAGIC = b'\x89MCAP0\r\n'
-RECORD_HEAD = struct.Struct('<BQ')  # opcode, length of what follows
+RECORD_HEAD = struct.Struct('<BQ')  # opcode, length of the content
 MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time; the data follow
 CHUNK_HEAD = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of a name
-STORED_SIZE = struct.Struct('<Q')  # behind the name of the compression
+STORED_SIZE = struct.Struct('<Q')  # after the name of the compression
 FOOTER = struct.Struct('<QQI')  # start of summary, start of its offsets, checksum
 CHECKSUM = struct.Struct('<I')
 PIECE = 1 << 20  # bytes read at a time for a checksum

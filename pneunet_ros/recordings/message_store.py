@@ -16,11 +16,11 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-SEPARATOR = '=' * 80 + '\n'  # between the definitions of a type and of those it depends on
+SEPARATOR = '=' * 80 + '\n'  # between the definition of a type and those of its dependencies
 ENCAPSULATIONS = (b'\0\0', b'\0\1')  # plain CDR, big-endian and little-endian
 LARGEST_DEFINITION = 200_000  # characters
-LONGEST_ARRAYS = 10_000  # elements of fixed arrays, not of numbers, which become lines of code
-IDL_HEAD = f'{SEPARATOR}IDL: '  # how a definition in IDL begins
+LONGEST_ARRAYS = 10_000  # elements of fixed arrays of non-numbers, each a line of generated code
+IDL_HEAD = f'{SEPARATOR}IDL: '  # first characters of a definition in IDL
 
 
 class RosbagsTypes:

@@ -24,8 +24,8 @@ from pneunet_ros.recordings.limits import LIMITS
 from pneunet_ros.recordings.message_store import jazzy
 import zstandard
 
-PACKED, SQLITE = '.zstd', '.db3'  # how rosbag2 calls them
-PACKED_MESSAGE = b'\x28\xb5\x2f\xfd'  # begins what zstd packed; CDR begins with a zero
+PACKED, SQLITE = '.zstd', '.db3'  # suffixes of rosbag2
+PACKED_MESSAGE = b'\x28\xb5\x2f\xfd'  # magic number of zstd; CDR begins with a zero
 SQLITE_MAGIC = b'SQLite format 3\0'
 
 

@@ -185,7 +185,7 @@ def _in_order(
             stretches.append([])
         elif reason:
             counts[reason] += 1
-        if reason == AHEAD:  # the last one was, not this one
+        if reason == AHEAD:  # the last message was wrong, not this one
             stretches[-1].pop()
         elif reason and reason != RESTARTED:
             continue

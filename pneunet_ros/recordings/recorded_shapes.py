@@ -22,7 +22,7 @@ from pneunet_ros.recordings.recording import open_recording, Recording
 TIP, SHAPE = 'tip', 'shape'
 ESTIMATES = {TIP: POSE_TYPE, SHAPE: POINTS_TYPE}
 SHAPE_TOPICS = (*ESTIMATES, TARGETS.name, TIP_POSE.name)
-PLACES = [0, 1, 6, 7]  # of x and y among the 36 covariances of a pose
+PLACES = [0, 1, 6, 7]  # indices of x and y among the 36 covariances of a pose
 
 
 class StampedRows(NamedTuple):

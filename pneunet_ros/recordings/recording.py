@@ -28,7 +28,7 @@ from pneunet_ros.recordings.message_store import deserialize, jazzy, store_for
 from pneunet_ros.recordings.plain_mcap import plain_mcap, unpacked_message
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
-LEFT_OUT_SHOWN = 20  # channels that are named where they are left out
+LEFT_OUT_SHOWN = 20  # left-out channels that are named
 MESSAGE_OVERHEAD = 300  # bytes that Python needs in addition to the content of a message
 
 

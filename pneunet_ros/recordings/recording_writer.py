@@ -34,14 +34,14 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.enums import CompressionMode
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-BARE = 'of-a-bare-file'  # name of the folder out of which such a file is taken
+BARE = 'of-a-bare-file'  # name of the folder from which such a file is taken
 BARE_SUFFIX = '.mcap'  # of a recording that is a single file
 VERSION = 9  # of the metadata
 CHUNK = 1 << 20  # bytes of messages per chunk, as in rosbag2
 MESSAGE = struct.Struct(RECORD_HEAD.format + MESSAGE_HEAD.format.lstrip('<'))
 PLAIN_TEXT = re.compile(r'[A-Za-z/_][A-Za-z0-9_./-]*')  # needs no quotes in YAML
 YAML_WORDS = frozenset({'null', 'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n'})
-_FOREVER = {'sec': 9_223_372_036, 'nsec': 854_775_807}  # how rosbag2 writes an infinite duration
+_FOREVER = {'sec': 9_223_372_036, 'nsec': 854_775_807}  # infinite duration, as written by rosbag2
 
 # The QoS for `ros2 bag play`, as of the live estimator.
 PLAYBACK_QOS = {
@@ -263,7 +263,7 @@ def write_recording(
             metadata = writer.metadata()
             storage.close(VERSION, yaml_text(metadata))
         except BaseException:
-            with suppress(OSError):  # a full disk, which is said already
+            with suppress(OSError):  # a full disk, already reported
                 storage.abort()
             raise
         write_checksums(storage.path)

@@ -31,7 +31,7 @@ from pneunet_ros.solver.columns import CURVATURE, THETA
 import scipy
 
 Places = npt.NDArray[np.complex128]
-SAME_LEVEL = 0.003  # of the range of the pressures: of what lies nearer, a mean is taken
+SAME_LEVEL = 0.003  # of the pressure range: closer readings are averaged
 Refit = Callable[[Sequence[RecordingData]], Fit]
 
 

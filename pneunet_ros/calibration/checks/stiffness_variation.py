@@ -25,8 +25,8 @@ from pneunet_ros.measurement.linearization import RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 
-STATIONS = 21  # along the arm, where a departure is looked at
-HALVINGS = 30  # of an interval: 30 leave the ninth digit
+STATIONS = 21  # along the arm, at which a departure is evaluated
+HALVINGS = 30  # of an interval: 30 give nine digits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from pneunet_ros.effects.effect import Place
 from pneunet_ros.effects.user_effects import add_installed_effects
 
 WIDTH = 80  # columns
-INDENT = 22  # of what stands beside a name
+INDENT = 22  # of the text next to a name
 PLACES: dict[Place, str] = {
     'sensing': 'what a reading means',
     'actuation': 'pressure history to chamber pressure and intrinsic curvature',

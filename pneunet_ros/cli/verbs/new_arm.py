@@ -20,7 +20,7 @@ from pneunet_ros.model.starting_arm import even_places, starting_arm
 
 FEWEST_TARGETS, MOST_TARGETS = 3, 500
 LONGEST = 10.0  # m, of an arm
-STEP = 0.0005  # m, to which places of targets are rounded, to be found on a ruler
+STEP = 0.0005  # m; target positions are rounded to it, so that a ruler shows them
 
 
 class Question(NamedTuple):

@@ -18,10 +18,10 @@ from pneunet_ros.lab.pictures.lens import Camera
 Places = npt.NDArray[np.int64]
 
 EDGE_POINTS = 64
-LONGEST_STEP_PX = 1.0  # between the places of a moving disc that are averaged
-PARTS = 2  # of a pixel, per axis, in each of which the edge of a disc is taken as straight
-EDGE = 1.1  # px; pixels farther from the edge are whole or empty, whatever the bend
-FINEST = 1e-3  # least slope of an edge against the axes: keeps the formula of a corner finite
+LONGEST_STEP_PX = 1.0  # between averaged positions of a moving disc
+PARTS = 2  # of a pixel, per axis; in each the edge of a disc is straight
+EDGE = 1.1  # px; pixels farther from the edge are entirely inside or outside
+FINEST = 1e-3  # smallest slope of an edge against the axes, so that corners stay finite
 
 _AROUND = 2.0 * np.pi * np.arange(EDGE_POINTS) / EDGE_POINTS
 # The unit disc at which the map is looked at: center, four sides, four corners, then the edge.

@@ -35,10 +35,10 @@ from pneunet_ros.lab.pictures.shading import (
     polygon_mask,
 )
 
-GLARE = 25.0  # grey levels of glare from which a pixel counts as hidden by it
-NOISE_SHIFTS = 64  # px: the stock of noise is larger than an image by this
+GLARE = 25.0  # grey levels of glare above which a pixel counts as hidden
+NOISE_SHIFTS = 64  # px by which the stored noise is larger than an image
 BLUR_REACH = 3.5  # sigmas
-BEYOND = 99.0  # px outside the image, where nothing is drawn any more
+BEYOND = 99.0  # px outside the image up to which objects are drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

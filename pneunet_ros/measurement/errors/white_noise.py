@@ -13,7 +13,7 @@ from pneunet_ros.core.arrays import Array, median
 from pneunet_ros.measurement.dataset import SIGMA_OF_MEDIAN
 
 ORDERS = 2, 4, 6
-FEWEST = 12  # differences of an order, below which they are not used; invented
+FEWEST = 12  # differences of an order that are used; invented
 REPEATS = (
     0.2  # share of readings that are the one before, above which there is no estimate; invented
 )

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
-BLOCK = 32  # columns that LAPACK reflects at once
-TINY = 1e-12  # share of a variance that rounding leaves
+BLOCK = 32  # columns that LAPACK reflects together
+TINY = 1e-12  # of a variance, due to rounding
 Where = slice | npt.NDArray[np.intp]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from scipy.linalg.lapack import dsyev
 
-MOST_CERTAIN = 1.0 - 1e-9  # share of an innovation that one error can be
+MOST_CERTAIN = 1.0 - 1e-9  # largest share of an innovation due to one error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

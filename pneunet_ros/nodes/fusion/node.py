@@ -56,7 +56,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         super().__init__('fusion', PARAMETERS, configured_fusion, node_options)
         self.state = FusionState()
         self.is_unsettled = False
-        self.take_frame: Callable[[], None] | None = None  # of a gripper: there is a new one
+        self.take_frame: Callable[[], None] | None = None  # of a gripper: called per frame
         self.frame_ns = 0
         node, fusion = self.configuration.node, self.configuration.fusion
         serializer = MessageSerializer(

@@ -14,7 +14,7 @@ from pneunet_ros.fusion.grasp import Grasp
 from pneunet_ros.nodes.gripper.grasping import Grasping
 
 NAME = 'gripper_cmd'
-SILENCE = 2.0  # s without a frame, after which a goal is given up
+SILENCE = 2.0  # s without a frame, after which a goal is aborted
 
 
 def gripper_command() -> Any | None:

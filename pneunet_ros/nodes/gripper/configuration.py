@@ -137,7 +137,7 @@ def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict
     """Return the given parameters of a node of an arm, from its block or for all arms."""
     given: dict[str, Any] = {'model_file': settings.model_file}
     if node == 'estimator' and settings.fusion:
-        given['watch_targets'] = False  # the fusion beside it compares targets
+        given['watch_targets'] = False  # the fusion compares targets already
     return given | dict(block.parameters[node])
 
 

@@ -19,7 +19,7 @@ from pneunet_ros.messages.tracker import (
 from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.vision.several_rows import check_rows, step_rows
 
-FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
+FOLLOW_PERIOD = 0.5  # s between checks of the quality of service of the camera
 # Reasons of refusals, besides those of the tracker.
 WRONG_CAMERA_INFO, COMPILING = 'wrong_camera_info', 'compiling'
 COMPRESSED = 'compressed'

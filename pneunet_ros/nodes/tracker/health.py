@@ -11,7 +11,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
-IMAGE_TIMEOUT = 2.0  # s; silence of the camera that is an error
+IMAGE_TIMEOUT = 2.0  # s without an image: an error
 
 
 class TrackerHealth(InputHealth):
