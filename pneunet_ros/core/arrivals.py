@@ -123,10 +123,10 @@ class ArrivalOrder(Generic[Item]):
         if not ties:
             return 0
         near_ns = min(end_ns, until_ns)
-        near = list(takewhile(lambda one: one.at_ns <= near_ns, self._waiting))
+        candidates = list(takewhile(lambda one: one.at_ns <= near_ns, self._waiting))
         for tie in ties:
-            of_topic = [place for place, one in enumerate(near) if one.tie == tie]
-            if any(near[place].stamp_ns == first.stamp_ns for place in of_topic):
+            of_topic = [place for place, one in enumerate(candidates) if one.tie == tie]
+            if any(candidates[place].stamp_ns == first.stamp_ns for place in of_topic):
                 return of_topic[0]
             if until_ns < end_ns:
                 return None
@@ -134,8 +134,8 @@ class ArrivalOrder(Generic[Item]):
 
     def _due_before(self, arrival: Arrival[Item]) -> list[int]:
         """Return the topics whose message with this stamp must come first but has not arrived."""
-        own = self._companions.get(arrival.tie)
-        if arrival.tie > len(self._companions) or (own is not None and not own.joins):
+        companion = self._companions.get(arrival.tie)
+        if arrival.tie > len(self._companions) or (companion is not None and not companion.joins):
             return []
         return [
             tie
@@ -143,21 +143,21 @@ class ArrivalOrder(Generic[Item]):
             if tie < arrival.tie and one.is_due(arrival.stamp_ns)
         ]
 
-    def _note(self, taken: Arrival[Item]) -> None:
+    def _note(self, arrival: Arrival[Item]) -> None:
         """Learn from a message which topics have the stamps of pressures."""
-        own, last = self._companions.get(taken.tie), self._last
-        if own is not None:
-            own.take(taken.stamp_ns)
-            near = last is not None and taken.at_ns <= last.at_ns + LONGEST_WAIT_NS
-            if last is not None and last.stamp_ns == taken.stamp_ns and near:
-                own.missed = 0
-        elif taken.tie == len(self._companions):
-            for tie in self._due_before(taken):  # waited for in vain
+        companion, last = self._companions.get(arrival.tie), self._last
+        if companion is not None:
+            companion.take(arrival.stamp_ns)
+            is_close = last is not None and arrival.at_ns <= last.at_ns + LONGEST_WAIT_NS
+            if last is not None and last.stamp_ns == arrival.stamp_ns and is_close:
+                companion.missed = 0
+        elif arrival.tie == len(self._companions):
+            for tie in self._due_before(arrival):  # waited for in vain
                 one = self._companions[tie]
                 one.missed += (
                     one.interval_ns > 0 or not one.last_ns
                 )  # otherwise its time is unknown
             for one in self._companions.values():
-                if one.last_ns == taken.stamp_ns:
+                if one.last_ns == arrival.stamp_ns:
                     one.missed = 0
-            self._last = taken
+            self._last = arrival

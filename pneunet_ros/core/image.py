@@ -47,8 +47,8 @@ def _converted(name: str) -> Callable[[Levels], Levels]:
         import cv2
 
         code = getattr(cv2, f'COLOR_{name}')
-        whole: Any = np.ascontiguousarray(pixels[:, :, 0] if pixels.shape[2] == 1 else pixels)
-        converted: Any = cv2.cvtColor(whole, code)
+        continuous: Any = np.ascontiguousarray(pixels[:, :, 0] if pixels.shape[2] == 1 else pixels)
+        converted: Any = cv2.cvtColor(continuous, code)
         levels: Levels = converted
         return levels
 
@@ -87,8 +87,8 @@ def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], flo
     import cv2
 
     pixel = np.asarray([[color[::-1]]], np.uint8)
-    own = tuple(float(value) for value in np.asarray(cv2.cvtColor(pixel, cv2.COLOR_BGR2LAB))[0, 0])
-    return own, float(np.hypot(own[1] - 128.0, own[2] - 128.0))
+    lab = tuple(float(value) for value in np.asarray(cv2.cvtColor(pixel, cv2.COLOR_BGR2LAB))[0, 0])
+    return lab, float(np.hypot(lab[1] - 128.0, lab[2] - 128.0))
 
 
 def eight_bits(levels: Levels) -> Bytes:
@@ -207,14 +207,14 @@ class Image:
 
         pixels = np.ascontiguousarray(eight_bits(convert(self._pixels())))
         lab = cv2.cvtColor(pixels, cv2.COLOR_BGR2LAB)
-        own, far = lab_color(color)
+        target, largest_distance = lab_color(color)
         levels = np.arange(256.0)
         square: Any = 0.0
-        for channel, (value, weight) in enumerate(zip(own, (0.5, 1.0, 1.0), strict=True)):
+        for channel, (value, weight) in enumerate(zip(target, (0.5, 1.0, 1.0), strict=True)):
             table = np.asarray((weight * (levels - value)) ** 2, np.float32)
             square = square + cv2.LUT(lab[:, :, channel], table)
-        near = np.clip(255.0 - (255.0 / far) * cv2.sqrt(square), 0.0, 255.0)
-        data = np.asarray(near, np.uint8).reshape(-1)
+        closeness = np.clip(255.0 - (255.0 / largest_distance) * cv2.sqrt(square), 0.0, 255.0)
+        data = np.asarray(closeness, np.uint8).reshape(-1)
         return replace(self, encoding='mono8', step=self.width, data=data, big_endian=False)
 
     def inverted(self) -> Image:

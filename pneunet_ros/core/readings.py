@@ -114,8 +114,8 @@ class TargetSightings:
 
 def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
     """Return the sightings of a frame in which none of the targets is seen."""
-    nothing = freeze(np.full(count, np.nan))
-    values = dict.fromkeys(('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
+    unseen = freeze(np.full(count, np.nan))
+    values = dict.fromkeys(('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'), unseen)
     return TargetSightings(stamp_ns=stamp_ns, **values)
 
 

@@ -54,16 +54,16 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
     found: list[type[Effect]] = []
     for file in files:
         module = module_of(file)
-        own = [
+        own_effects = [
             item
             for _, item in inspect.getmembers(module, inspect.isclass)
             if issubclass(item, Effect) and item.__module__ == module.__name__
         ]
-        if not own:
+        if not own_effects:
             raise ModelError(
                 f'effect file {file} contains no subclass of Effect', reason='no_effect'
             )
-        found += own
+        found += own_effects
     return add_to_table([(effect, f'effect file {inspect.getfile(effect)}') for effect in found])
 
 
@@ -148,8 +148,8 @@ def breach(effect: Any) -> str:
         return f'needs a place, one of {", ".join(get_args(Place))}, not {place!r}'
     if not (isinstance(getattr(effect, 'meaning', None), str) and effect.meaning):
         return 'needs a meaning: what it does, in a few words'
-    own = vars(effect).get('__dataclass_params__')  # not those of the class that it extends
-    if own is None or not own.frozen:
+    parameters = vars(effect).get('__dataclass_params__')  # not those of the class that it extends
+    if parameters is None or not parameters.frozen:
         return 'must be a dataclass with frozen=True, slots=True and kw_only=True'
     declared = quantities(effect)
     if not declared or len(declared) != len(fields(effect)):

@@ -71,7 +71,7 @@ class ClockDelaySettings:
         'residual of the next best delay over that of the best, squared',
         source='sweep: halved: one ramp known False -> True; doubled: nothing',
     )
-    apart: float = tuning(5.0, 'distance of two separate delays', unit='frame')
+    separation: float = tuning(5.0, 'distance of two separate delays', unit='frame')
     powers: int = tuning(
         6,
         'highest power of the pressure',
@@ -156,7 +156,7 @@ class ClockDelay:
     def sentence(self) -> str:
         """Describe the delay and its uncertainty."""
         share = self.std / self.frame_period
-        sure = (
+        confidence = (
             'to a fifth of a frame or better'
             if share <= 0.2
             else 'to a frame or better'
@@ -165,7 +165,7 @@ class ClockDelay:
         )
         return (
             f'the film is ahead of the table by {self.delay:.4f} s, with a standard error of '
-            f'{self.std:.4f} s ({share:.2g} of a frame): known {sure}, from {self.frames} '
+            f'{self.std:.4f} s ({share:.2g} of a frame): known {confidence}, from {self.frames} '
             f'frames; pressure and load explain {100.0 * self.explained:.5g} % of their motion'
         )
 
@@ -214,7 +214,7 @@ def estimate_delay(
             ),
         )
     best, *rivals = candidates
-    within = settings.apart * period
+    within = settings.separation * period
     delays = [best, *(fit.refine(best, within) for fit in fits[1:])]
     changed = float(np.mean(delays)) - without.refine(best, max(within, settings.law_range))
     details = [fit.details(delay) for fit, delay in zip(fits, delays, strict=True)]
@@ -282,7 +282,7 @@ def _cannot_tell(
     best = fit.unexplained(clock.delay)
     for rival in rivals:
         ratio = float(np.mean(fit.unexplained(rival) / best))
-        if abs(rival - clock.delay) > settings.apart * fit.period and ratio < settings.rival:
+        if abs(rival - clock.delay) > settings.separation * fit.period and ratio < settings.rival:
             return Note(
                 f'delays of {clock.delay:.2f} s and {rival:.2f} s fit equally well, because the '
                 f'pressure repeats itself or changes too evenly; {REMEDY}',
@@ -385,15 +385,15 @@ class DelayFit:
         leaves a residual, and nothing is explained.
         """
         frames = self.inside(delay)
-        enough = max(self.settings.fewest_frames, 0.9 * self.shorter / self.period)
-        if frames.size < min(enough, 0.5 * self.time.size):
+        fewest = max(self.settings.fewest_frames, 0.9 * self.shorter / self.period)
+        if frames.size < min(fewest, 0.5 * self.time.size):
             return np.full(self.scores.shape[1], math.inf)
         frames = frames[::every]
         design, _ = self.design(self.time[frames] - delay)
         scores = self.scores[frames]
-        left = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
+        residual = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
         variance = np.var(scores, axis=0) + 1e-300
-        return np.asarray((left**2).mean(axis=0) / variance)
+        return np.asarray((residual**2).mean(axis=0) / variance)
 
     def cost(self, delay: float, every: int = 1) -> float:
         """Return the log of the unexplained motion, summed over components."""
@@ -415,8 +415,8 @@ class DelayFit:
 
     def refine(self, delay: float, within: float) -> float:
         """Return the minimum near (within s) a delay found with another set of plays."""
-        around = np.arange(delay - within, delay + within, 0.5 * self.period)
-        best = min((float(other) for other in around), key=self.cost)
+        delays = np.arange(delay - within, delay + within, 0.5 * self.period)
+        best = min((float(other) for other in delays), key=self.cost)
         return self.minimum(best, self.period)
 
     def minimum(self, delay: float, within: float) -> float:
@@ -439,15 +439,15 @@ class DelayFit:
         frames = self.inside(delay)
         design, _ = self.design(self.time[frames] - delay)
         scores = self.scores[frames]
-        left = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
-        usual = np.median(np.abs(left), axis=0) / SIGMA_OF_MEDIAN
-        main = left[:, 0]
+        residual = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
+        usual = np.median(np.abs(residual), axis=0) / SIGMA_OF_MEDIAN
+        main = residual[:, 0]
         limit = math.sqrt(2.0) * self.settings.motion * usual[0]
-        still = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
-        still &= np.abs(np.diff(main)) > limit
-        still &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous picture is off
-        still &= np.diff(self.time[frames]) < 1.5 * self.period
-        return np.asarray(frames[1:][still])
+        is_repeated = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
+        is_repeated &= np.abs(np.diff(main)) > limit
+        is_repeated &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous picture is off
+        is_repeated &= np.diff(self.time[frames]) < 1.5 * self.period
+        return np.asarray(frames[1:][is_repeated])
 
     def details(self, delay: float) -> FitDetails:
         """Return the uncertainty of a delay: linearized, and without each block of frames in turn.
@@ -460,28 +460,28 @@ class DelayFit:
         design, scales = self.design(at)
         normal = self.normal(design)
         weights = np.linalg.solve(normal, design.T @ scores)
-        left = scores - design @ weights
-        noise = left.std(axis=0) + 1e-300
-        moved = -(self.rows(self.slopes, at) / scales) @ weights[1:] / noise
-        alone = moved - design @ np.linalg.solve(normal, design.T @ moved)
-        left_white = left / noise
+        residual = scores - design @ weights
+        noise = residual.std(axis=0) + 1e-300
+        sensitivity = -(self.rows(self.slopes, at) / scales) @ weights[1:] / noise
+        alone = sensitivity - design @ np.linalg.solve(normal, design.T @ sensitivity)
+        left_white = residual / noise
         count = BLOCKS
         information, without = np.zeros(count), np.zeros(count)
         for which, block in enumerate(np.array_split(np.arange(frames.size), count)):
             rest = np.setdiff1d(np.arange(frames.size), block, assume_unique=True)
             part = design[rest]
-            shadow = np.linalg.solve(self.normal(part), part.T @ moved[rest])
-            free = moved[rest] - part @ shadow
+            shadow = np.linalg.solve(self.normal(part), part.T @ sensitivity[rest])
+            free = sensitivity[rest] - part @ shadow
             information[which] = np.sum(alone[block] ** 2)
-            without[which] = np.sum(free * left_white[rest]) / np.sum(free * moved[rest])
+            without[which] = np.sum(free * left_white[rest]) / np.sum(free * sensitivity[rest])
         jackknife = math.sqrt((count - 1) * float(np.var(without)))
         dof = max(float(information.sum() ** 2 / np.sum(information**2)) - 1.0, 0.5)
         widened = 0.5 * float(scipy.special.stdtrit(dof, 0.97725))
-        explained = 1.0 - float(np.sum(left**2) / np.sum((scores - scores.mean(axis=0)) ** 2))
+        explained = 1.0 - float(np.sum(residual**2) / np.sum((scores - scores.mean(axis=0)) ** 2))
         return FitDetails(
             std=jackknife * widened,
-            distinct=float(information.sum() / np.sum(moved**2)),
-            rate=float(noise[0] * np.abs(moved[:, 0]).mean() / np.ptp(scores[:, 0])),
+            distinct=float(information.sum() / np.sum(sensitivity**2)),
+            rate=float(noise[0] * np.abs(sensitivity[:, 0]).mean() / np.ptp(scores[:, 0])),
             explained=explained,
             frames=frames.size,
         )

@@ -175,9 +175,9 @@ class Agreement:
             verdict = f'too few frames to say whether the model holds (fewer than {self.fewest})'
         elif not self.holds:
             verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
-        together = ''
+        persistent_part = ''
         if self.persistent is not None and not self.persistent.holds:
-            together = f'; {self.persistent.sentence}'
+            persistent_part = f'; {self.persistent.sentence}'
             advice = f'; {self.persistent.advice}'
         tips = ''
         if not self.tips_hold:
@@ -188,7 +188,7 @@ class Agreement:
         return (
             f'{verdict}: {100.0 * self.beyond:.0f} % of {self.frames} frames exceed the noise '
             f'limit (pass: at most {100.0 * self.most:.0f} %), and the median frame is '
-            f'{self.median:.2f} x the noise{tips}{together}{advice}'
+            f'{self.median:.2f} x the noise{tips}{persistent_part}{advice}'
             + ('' if self.force_read else f'; {FORCE_NOT_JUDGED}')
         )
 
@@ -355,11 +355,11 @@ def compare_waiting(
     waiting, state = state.waiting, replace(state, waiting=())
     shown = np.array([sightings.stamp_ns - delay_ns for sightings in waiting])
     matches = (part.tolist() for part in (shown, *match_stamps(shown, np.array(stamps), reach)))
-    for sightings, shown_ns, nearest, near in zip(waiting, *matches, strict=True):
+    for sightings, shown_ns, nearest, is_matched in zip(waiting, *matches, strict=True):
         behind = len(stamps) - bisect_left(stamps, shown_ns)
         estimate = state.estimates[nearest]
-        at_reading = near and is_at(estimate, shown_ns)
-        if near and (at_reading or behind >= NEIGHBORS):
+        at_reading = is_matched and is_at(estimate, shown_ns)
+        if is_matched and (at_reading or behind >= NEIGHBORS):
             neighbors = slice(max(nearest - NEIGHBORS, 0), nearest + NEIGHBORS + 1)
             known = (estimate,) if at_reading else state.estimates[neighbors]
             predicted = predict_frame(estimator, known, shown_ns)
@@ -369,7 +369,7 @@ def compare_waiting(
             running, frame = add_frame(state.running, sightings, estimate, predicted, estimator)
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
-        elif behind < NEIGHBORS and (near or not behind):
+        elif behind < NEIGHBORS and (is_matched or not behind):
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
             state = state.count_unmatched('no_estimate')
@@ -395,7 +395,7 @@ def add_frame(
     chi_square = frame.chi_square / frame.coordinates
     most = chi_square_limit(frame.coordinates)
     force_read = estimate.wrench_age is not None
-    by_itself = FrameInnovation(
+    frame_innovation = FrameInnovation(
         stamp_ns=stamp_ns,
         rms=math.sqrt(chi_square),
         limit=math.sqrt(most),
@@ -417,7 +417,7 @@ def add_frame(
             arclength=estimator.arm.target_arclength,
             force_read=force_read,
         )
-        return running, by_itself
+        return running, frame_innovation
     weight = before.weight * math.exp(-since / time) + 1.0
     share = 1.0 / weight
     known = np.where(np.isnan(before.at_targets), frame.at_targets, before.at_targets)
@@ -433,7 +433,7 @@ def add_frame(
         arclength=before.arclength,
         force_read=force_read,
     )
-    return running, by_itself
+    return running, frame_innovation
 
 
 def evidence_of(

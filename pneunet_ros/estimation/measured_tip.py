@@ -50,8 +50,8 @@ def with_measured_tip(
     noise[:, forces] += force_errors
     covariance, std = np.empty((3, 3)), np.empty((3, estimator.arclength.size))
     stations = sensitivity.stations(estimator.arclength)
-    further = np.zeros_like(std)
-    if not propagate_covariance(noise, sensitivity.tip, stations, further, covariance, std):
+    added = np.zeros_like(std)
+    if not propagate_covariance(noise, sensitivity.tip, stations, added, covariance, std):
         return None
     std_x, std_y, std_curvature = freeze(std)
     return MeasuredTip(

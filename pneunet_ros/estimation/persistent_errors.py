@@ -179,9 +179,9 @@ class PersistentErrors:
         """Describe the problem for users; empty if there is none."""
         if self.holds:
             return ''
-        said = []
+        facts = []
         if not self.within_prior:
-            said.append(
+            facts.append(
                 'all frames together deviate from the model by more than its covariance allows '
                 f'(chi squared {self.moved:.3g} for {self.unknowns} parameters of the model, '
                 f'{self.moved_with_places:.3g} for {self.unknowns_with_places} with the '
@@ -190,11 +190,11 @@ class PersistentErrors:
                 f'{self.percent_outside} %'
             )
         if not self.noise_left:
-            said.append(
+            facts.append(
                 f'and the part that its covariance cannot explain is {math.sqrt(self.left):.2g} '
                 f'x the noise (noise alone: less than {math.sqrt(self.left_limit):.2g})'
             )
-        return ', '.join(said).removeprefix('and ')
+        return ', '.join(facts).removeprefix('and ')
 
     @property
     def percent_outside(self) -> str:
@@ -239,24 +239,26 @@ def persistent_errors(
     # What a step is before the frames are known: from the prior, and from their noise.
     spread = covariance @ (gram @ gram + repeated * gram) @ covariance
     places = columns + 2 * arm.target_arclength.size
-    moved, seen = distance(model.step[:columns], spread[:columns, :columns], settings)
-    further, seen_further = distance(model.step[:places], spread[:places, :places], settings)
-    likely = min(chance_of(moved, seen), chance_of(further, seen_further))
+    model_distance, model_observed = distance(
+        model.step[:columns], spread[:columns, :columns], settings
+    )
+    all_distance, all_observed = distance(model.step[:places], spread[:places, :places], settings)
+    likely = min(chance_of(model_distance, model_observed), chance_of(all_distance, all_observed))
     dof = float(problem.coordinates - np.trace(gram @ covariance))
     spread_left = math.hypot(math.sqrt(2.0 * repeated / dof), 2.0 * settings.white_error)
     chance = min(2.0 * likely, 1.0)  # of two that were tried
     step, known = model.step[:columns], covariance[:columns, :columns]
     if chance < settings.sure:
         step, known = without_prior(step, known, settings)
-    off = [tip_off(frame, step, known) for frame in kept]
-    squares, outside = np.mean(off, axis=0).tolist()
+    tip_offsets = [tip_off(frame, step, known) for frame in kept]
+    squares, outside = np.mean(tip_offsets, axis=0).tolist()
     return PersistentErrors(
         frames=count,
         repeated=repeated,
-        moved=moved,
-        unknowns=seen,
-        moved_with_places=further,
-        unknowns_with_places=seen_further,
+        moved=model_distance,
+        unknowns=model_observed,
+        moved_with_places=all_distance,
+        unknowns_with_places=all_observed,
         chance=chance,
         sure=settings.sure,
         left=float(np.sum(rest**2)) / dof,
@@ -303,8 +305,8 @@ def linear_problem(
         places = noise.placement_std * placing
     else:
         residual = residual - np.array([frame.predicted.placed for frame in kept])
-        left = np.hypot(known.std, settings.painted * noise.placement_std)
-        places, columns = placing * left, columns + placing @ known.factor
+        placement_std = np.hypot(known.std, settings.painted * noise.placement_std)
+        places, columns = placing * placement_std, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])
     progress = (stamps - stamps.min()) / max(int(np.ptp(stamps)), 1)
     anywhere = math.hypot(noise.registration_std, settings.camera * arm.length)
@@ -314,7 +316,7 @@ def linear_problem(
     camera[:, 0, :, 0] = camera[:, 1, :, 1] = path[:, None]
     shared = np.concatenate([columns, places, camera.reshape(count, size, -1)], axis=2)
     between = camera_errors(noise.drift_std * BETWEEN_NODES, targets)
-    own = np.concatenate(
+    frame_errors = np.concatenate(
         [
             errors[:, :, :READINGS],
             errors[:, :, -last:],
@@ -323,7 +325,7 @@ def linear_problem(
         axis=2,
     )
     residual = residual.reshape(count, size)
-    whitening = Whitening(1.0, own / std[:, :, None], seen)
+    whitening = Whitening(1.0, frame_errors / std[:, :, None], seen)
     return LinearProblem(
         residual=whitening((residual / std)[:, :, None])[:, :, 0],
         shared=whitening(shared / std[:, :, None]),
@@ -339,11 +341,11 @@ def frames_as_one(scores: Array) -> float:
     """
     alone = scores.T @ scores
     lags = math.isqrt(len(scores))
-    together = alone.copy()
+    summed = alone.copy()
     for lag in range(1, lags + 1):
         product = scores[lag:].T @ scores[:-lag]
-        together += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    ratio = np.trace(np.linalg.pinv(alone, hermitian=True) @ together)
+        summed += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    ratio = np.trace(np.linalg.pinv(alone, hermitian=True) @ summed)
     return max(float(ratio) / max(int(np.linalg.matrix_rank(alone, hermitian=True)), 1), 1.0)
 
 
@@ -368,15 +370,15 @@ def without_prior(
     This is needed because a refuted prior holds a step back. With uninformative frames the step is
     unchanged.
     """
-    left, axes = np.linalg.eigh(covariance)
-    information = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)
-    covariance = axes @ np.diag(left / information) @ axes.T
+    remaining, axes = np.linalg.eigh(covariance)
+    information = np.where(1.0 - remaining > settings.seen, 1.0 - remaining, 1.0)
+    covariance = axes @ np.diag(remaining / information) @ axes.T
     return axes @ ((axes.T @ step) / information), covariance
 
 
-def chance_of(moved: float, unknowns: int) -> float:
+def chance_of(distance: float, unknowns: int) -> float:
     """Return the probability of a chi squared at least this large."""
-    return float(scipy.special.chdtrc(unknowns, moved)) if unknowns else 1.0
+    return float(scipy.special.chdtrc(unknowns, distance)) if unknowns else 1.0
 
 
 def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
@@ -387,11 +389,11 @@ def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float
     squares of normal variables is approximated by a gamma law with the same mean and variance.
     """
     readings, columns = frame.tip_errors[:READINGS], frame.tip_errors[READINGS:]
-    off = step @ columns
+    offset = step @ columns
     spread = readings.T @ readings + columns.T @ covariance @ columns
     stated = np.linalg.inv(frame.tip_covariance)
     shared = stated @ spread
-    mean = off @ stated @ off + np.trace(shared)
-    variance = 2.0 * np.trace(shared @ shared) + 4.0 * off @ shared @ stated @ off
+    mean = offset @ stated @ offset + np.trace(shared)
+    variance = 2.0 * np.trace(shared @ shared) + 4.0 * offset @ shared @ stated @ offset
     outside = scipy.special.gammaincc(mean**2 / variance, LARGEST_95 * mean / variance)
-    return float(off @ off), float(outside)
+    return float(offset @ offset), float(outside)

@@ -18,7 +18,7 @@ class TareSettings:
 
     fewest_readings: int = tuning(5, 'fewest readings of the vented arm')
     noise_band: float = tuning(10.0, 'largest range of readings that noise explains', unit='sigma')
-    moved: float = tuning(
+    largest_change: float = tuning(
         0.01, 'largest range of readings, for any noise', unit='of the calibrated range'
     )
 
@@ -46,10 +46,10 @@ def pressure_zero(
     untared = replace(convention, offset=0.0)
     values = np.array([untared.gauge(reading.pressure) for reading in readings])
     low, high = arm.pressure_range
-    moved, mean = float(np.ptp(values)), float(values.mean())
+    change, mean = float(np.ptp(values)), float(values.mean())
     noise = settings.noise_band * arm.sensors.pressure_std
-    if not moved <= max(noise, settings.moved * (high - low)):
-        return None, f'the pressure varies by {moved:.4g} Pa; keep the vented arm still'
+    if not change <= max(noise, settings.largest_change * (high - low)):
+        return None, f'the pressure varies by {change:.4g} Pa; keep the vented arm still'
     largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(arm).reach)
     if abs(mean) > largest:
         name, value = 'pressure_offset', -mean

@@ -123,18 +123,18 @@ class ErrorStatistics:
 class TipErrors:
     """Tip errors over matched frames.
 
-    difference (frames, 2) m; heading (frames,) rad, NaN if unknown on one side; moved (frames,) m:
-    its motion, at its speed, in the time between the stamps. at (m): compared place along the arm;
-    at_end: whether it is the free end. inside_95: share of the frames whose 95 % ellipse contains
-    the truth, NaN without covariance or truth. topics: of the two sides.
+    difference (frames, 2) m; heading (frames,) rad, NaN if unknown on one side; motion (frames,)
+    m: its motion, at its speed, in the time between the stamps. at (m): compared place along the
+    arm; at_end: whether it is the free end. inside_95: share of the frames whose 95 % ellipse
+    contains the truth, NaN without covariance or truth. topics: of the two sides.
     """
 
     topics: tuple[str, str]
     stamp_ns: Stamps
-    apart: Array
+    stamp_offset: Array
     difference: Array
     heading: Array
-    moved: Array
+    motion: Array
     at: float
     at_end: bool
     inside_95: float
@@ -154,7 +154,7 @@ class CenterlineErrors:
 
     topics: tuple[str, str]
     stamp_ns: Stamps
-    apart: Array
+    stamp_offset: Array
     arclength: Array
     of: Array
     to: Array
@@ -222,7 +222,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
 
 def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
     """Explain why two sides are of different arms or runs; empty if they may be the same."""
-    said = []
+    notes = []
     ends = [
         float(item.centerlines.arclength[-1])
         for item in (of, to)
@@ -230,7 +230,7 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
     ]
     if len(ends) == 2 and max(ends) > LONGER * min(ends):
         long, short = (of, to) if ends[0] > ends[1] else (to, of)
-        said.append(
+        notes.append(
             Note(
                 f'they are of different arms: {1e3 * max(ends):.4g} mm long in {long.name}, '
                 f'{1e3 * min(ends):.4g} mm in {short.name}',
@@ -240,7 +240,7 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
     for item in (of, to):
         stretch = _stretch(item.centerlines)
         if stretch > STRETCHED:
-            said.append(
+            notes.append(
                 Note(
                     f'{item.name}: the first and the last target are {stretch:.3g} times as far '
                     'apart as on the arm of the model: give the model of this arm with --model',
@@ -248,8 +248,8 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
                 )
             )
     if of.pressures is not None and to.pressures is not None:
-        said += _other_pressures(of, of.pressures, to, to.pressures)
-    return tuple(said)
+        notes += _other_pressures(of, of.pressures, to, to.pressures)
+    return tuple(notes)
 
 
 def _stretch(line: Centerlines | None) -> float:
@@ -272,15 +272,15 @@ def _other_pressures(
     within = (mine.stamp_ns >= low) & (mine.stamp_ns <= high)
     if not within.any():
         return []
-    there = np.interp(mine.stamp_ns[within] - low, other.stamp_ns - low, other.values)
-    apart = float(np.sqrt(np.mean((mine.values[within] - there) ** 2)))
+    other_values = np.interp(mine.stamp_ns[within] - low, other.stamp_ns - low, other.values)
+    difference = float(np.sqrt(np.mean((mine.values[within] - other_values) ** 2)))
     span = max(float(np.ptp(mine.values)), float(np.ptp(other.values)))
-    if apart < max(OTHER_PRESSURE * span, LEAST_PRESSURE):
+    if difference < max(OTHER_PRESSURE * span, LEAST_PRESSURE):
         return []
     return [
         Note(
             f'they are of different runs: at the same stamps the pressure of {of.name} and that '
-            f'of {to.name} differ by {1e-3 * apart:.3g} kPa rms',
+            f'of {to.name} differ by {1e-3 * difference:.3g} kPa rms',
             reason='other_run',
         )
     ]
@@ -300,18 +300,18 @@ def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | N
     mine, other, difference = mine[kept], other[kept], difference[kept]
     if not mine.size:
         return None
-    turned = of.heading[mine] - to.heading[other]
+    heading_difference = of.heading[mine] - to.heading[other]
     inside = math.nan
     if exact and of.covariance is not None:
         inside = share_inside(difference, of.covariance[mine])
-    apart = stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])
+    stamp_offset = stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])
     return TipErrors(
         topics=(of.topic, to.topic),
         stamp_ns=of.stamp_ns[mine],
-        apart=apart,
-        moved=apart * speed(to.stamp_ns, to.place)[other],
+        stamp_offset=stamp_offset,
+        motion=stamp_offset * speed(to.stamp_ns, to.place)[other],
         difference=freeze(difference),
-        heading=freeze(np.arctan2(np.sin(turned), np.cos(turned))),
+        heading=freeze(np.arctan2(np.sin(heading_difference), np.cos(heading_difference))),
         at=at,
         at_end=True,
         inside_95=inside,
@@ -361,7 +361,7 @@ def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | 
     return CenterlineErrors(
         topics=(of.topic, to.topic),
         stamp_ns=of.stamp_ns[mine[kept]],
-        apart=stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])[kept],
+        stamp_offset=stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])[kept],
         arclength=arclength[common],
         of=freeze(points[0][kept]),
         to=freeze(points[1][kept]),
@@ -379,8 +379,8 @@ def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
     return TipErrors(
         topics=shape.topics,
         stamp_ns=shape.stamp_ns[kept],
-        apart=shape.apart[kept],
-        moved=shape.apart[kept] * speed(shape.stamp_ns[kept], shape.to[kept, :, -1]),
+        stamp_offset=shape.stamp_offset[kept],
+        motion=shape.stamp_offset[kept] * speed(shape.stamp_ns[kept], shape.to[kept, :, -1]),
         difference=freeze(difference[kept]),
         heading=freeze(np.full(np.count_nonzero(kept), np.nan)),
         at=float(shape.arclength[-1]),
@@ -391,15 +391,15 @@ def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
 
 def match_series(of_ns: Stamps, to_ns: Stamps) -> tuple[Stamps, Stamps]:
     """Match the frames of two series, by the frames of the slower one."""
-    nothing = np.zeros(0, dtype=np.int64)
+    empty = np.zeros(0, dtype=np.int64)
     if not of_ns.size or not to_ns.size:
-        return nothing, nothing
+        return empty, empty
     if median_period(of_ns) < median_period(to_ns):
-        found, near = match_stamps(to_ns, of_ns, 0.5 * median_period(of_ns))
-        return found[near], np.flatnonzero(near)
+        found, is_matched = match_stamps(to_ns, of_ns, 0.5 * median_period(of_ns))
+        return found[is_matched], np.flatnonzero(is_matched)
     period = median_period(to_ns)
-    found, near = match_stamps(of_ns, to_ns, 0.5 * period if math.isfinite(period) else 0.0)
-    return np.flatnonzero(near), found[near]
+    found, is_matched = match_stamps(of_ns, to_ns, 0.5 * period if math.isfinite(period) else 0.0)
+    return np.flatnonzero(is_matched), found[is_matched]
 
 
 def median_period(stamp_ns: Stamps) -> float:

@@ -51,17 +51,17 @@ def atomic_output(
 
     Raises RecordingError immediately if the path cannot be used, and later if the disk is full.
     """
-    output, together = None, _TOGETHER.get()
+    output, group = None, _TOGETHER.get()
     try:
         with interrupted_afterwards():
             output = _open_output(path, overwrite, inputs, tuple(replaceable))
         with _no_room_said(path):
             yield output.temporary
         with interrupted_afterwards():
-            if together is None:
+            if group is None:
                 _put_in_place([output])
             else:
-                together.append(output)
+                group.append(output)
                 output = None
     finally:
         if output is not None:
@@ -289,14 +289,14 @@ def _check_place(
     if not final.exists():
         return
     if final.is_dir():
-        others = [
+        foreign = [
             entry.name
             for entry in sorted(final.iterdir())
             if not _is_replaceable(entry, replaceable)
         ]
-        if others:
+        if foreign:
             raise RecordingError(
-                f'{path} is a folder that contains {others[0]}, not only an earlier output: '
+                f'{path} is a folder that contains {foreign[0]}, not only an earlier output: '
                 'choose another name',
                 reason='holds_other_files',
             )

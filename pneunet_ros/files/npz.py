@@ -101,11 +101,11 @@ def _as_declared(name: str, array: Any, what: Declared, sizes: dict[str, int]) -
         for axis, size in zip(what.axes, array.shape, strict=True)
     )
     if not fits:
-        wanted = ', '.join(
+        expected = ', '.join(
             f'{axis} {sizes[axis]}' if axis in sizes else axis for axis in what.axes
         )
         raise ArchiveError(
-            f'{name} must have the shape ({wanted}), but has {array.shape}', reason='wrong_shape'
+            f'{name} must have the shape ({expected}), but has {array.shape}', reason='wrong_shape'
         )
     if what.kind == 'text':
         return array.item() if not what.axes else array

@@ -146,11 +146,14 @@ def protocol_from_mapping(content: Any) -> Protocol:
 
 
 def values_of(
-    kind: type[Protocol] | type[LabMotion], content: Any, where: str, others: tuple[str, ...] = ()
+    kind: type[Protocol] | type[LabMotion],
+    content: Any,
+    where: str,
+    other_keys: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Return numbers and lists of numbers of a block; other keys are ignored."""
     values, lists = FILE.mapping(content, where), kind.lists()
-    numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, where, (*others, *lists))}
+    numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, where, (*other_keys, *lists))}
     return numbers | {
         name: tuple(table_array(values[name], f'{where}.{name}', 1, RequestError).tolist())
         for name in lists

@@ -161,20 +161,20 @@ class YamlFile:
             )
 
     def numbers_of(
-        self, owner: type, content: Any, where: str, others: tuple[str, ...] = ()
+        self, owner: type, content: Any, where: str, other_keys: tuple[str, ...] = ()
     ) -> dict[str, float]:
         """Return the fields of a dataclass from a mapping; those with a default are optional.
 
-        others: further keys that the mapping may have; they are ignored.
+        other_keys: further keys that the mapping may have; they are ignored.
         """
         declared = quantities(owner)
         optional = {item.name for item in declared if item.default is not MISSING}
-        names = (*others, *(item.name for item in declared))
-        values = self.block(content, where, names, {*optional, *others})
+        names = (*other_keys, *(item.name for item in declared))
+        values = self.block(content, where, names, {*optional, *other_keys})
         return {
             key: self.number(value, f'{where}.{key}')
             for key, value in values.items()
-            if key not in others
+            if key not in other_keys
         }
 
     def number(self, value: Any, where: str) -> float:

@@ -35,13 +35,13 @@ def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -
     """Build an Imu with a specific force (3,) m/s^2 and no other measurement."""
     vector, quaternion = types('geometry_msgs/msg/Vector3'), types('geometry_msgs/msg/Quaternion')
     x, y, z = map(float, row)
-    unknown, nothing = np.zeros(9), vector(x=0.0, y=0.0, z=0.0)
+    unknown, zero = np.zeros(9), vector(x=0.0, y=0.0, z=0.0)
     unknown[0] = -1.0
     return types(IMU_TYPE)(
         header=header(stamp_ns, frame_id, types),
         orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
-        angular_velocity=nothing,
+        angular_velocity=zero,
         angular_velocity_covariance=unknown,
         linear_acceleration=vector(x=x, y=y, z=z),
         linear_acceleration_covariance=np.zeros(9),
@@ -66,6 +66,6 @@ def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
         )
 
 
-def _quaternion(turned: Any) -> Quaternion:
-    x, y, z, w = (float(getattr(turned, name)) for name in 'xyzw')
+def _quaternion(orientation: Any) -> Quaternion:
+    x, y, z, w = (float(getattr(orientation, name)) for name in 'xyzw')
     return x, y, z, w

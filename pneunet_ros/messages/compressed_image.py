@@ -145,7 +145,7 @@ def _stderr_into(file: int) -> Iterator[None]:
 
 def _of_decoders(complaints: bytes) -> bytes:
     """Return the messages of the decoders; output of other code is passed on."""
-    others = _BY_DECODERS.sub(b'', complaints)
-    if others:
-        os.write(2, others)
+    remaining = _BY_DECODERS.sub(b'', complaints)
+    if remaining:
+        os.write(2, remaining)
     return b''.join(_BY_DECODERS.findall(complaints))

@@ -54,13 +54,13 @@ def joint_states(estimate: ShapeEstimate, heading: Any, types: MessageTypes) -> 
     """Build a JointState of the chain of links."""
     shape = estimate.shape
     positions = joint_positions(shape.arclength, shape.x, shape.y, shape.theta)
-    nothing = types.sequence(np.zeros(0))
+    empty = types.sequence(np.zeros(0))
     return types(JOINT_STATE_TYPE)(
         header=heading,
         name=joint_names(positions.size // 2),
         position=types.sequence(positions),
-        velocity=nothing,
-        effort=nothing,
+        velocity=empty,
+        effort=empty,
     )
 
 

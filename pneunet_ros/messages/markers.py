@@ -53,7 +53,7 @@ def marker_array(
     x, y, _ = shape.tip
     force_x, force_y = shape.force
     end = np.array([x, x + FORCE_SCALE * force_x]), np.array([y, y + FORCE_SCALE * force_y])
-    pulled = math.hypot(force_x, force_y) > 0.0
+    is_pulled = math.hypot(force_x, force_y) > 0.0
     make = partial(marker, heading=heading, types=types)
     return types(MARKERS_TYPE)(
         markers=[
@@ -71,7 +71,7 @@ def marker_array(
                 (SHAFT, HEAD, HEAD_LENGTH),
                 end,
                 color=FORCE_COLOR,
-                action=ADD if pulled else DELETE,
+                action=ADD if is_pulled else DELETE,
             ),
         ]
     )

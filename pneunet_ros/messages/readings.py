@@ -146,9 +146,9 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
     motion capture that does not see the tip measures neither.
     """
     with usable(TIP_POSE_TYPE):
-        place, turned = message.pose.position, message.pose.orientation
-        x, y = float(place.x), float(place.y)
-        heading = planar_heading(*(float(getattr(turned, name)) for name in 'xyzw'))
+        position, orientation = message.pose.position, message.pose.orientation
+        x, y = float(position.x), float(position.y)
+        heading = planar_heading(*(float(getattr(orientation, name)) for name in 'xyzw'))
         if x == y == 0.0:
             x = y = math.nan
             heading = heading if heading != 0.0 else math.nan
@@ -211,8 +211,8 @@ def targets_message(
     places = np.array([x, y], dtype=np.float64)
     seen = np.isfinite(places).all(axis=0)
     places[:, ~seen] = np.nan
-    nothing = np.full(seen.size, np.nan)
-    values = dict.fromkeys(('u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
+    unseen = np.full(seen.size, np.nan)
+    values = dict.fromkeys(('u', 'v', 'area', 'major', 'minor', 'angle'), unseen)
     sightings = TargetSightings(
         stamp_ns=stamp_ns, x=places[0], y=places[1], std=np.where(seen, std, np.nan), **values
     )

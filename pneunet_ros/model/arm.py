@@ -195,8 +195,8 @@ class Arm:
         """Find the effects on parts of the arm, at any pressure, and through the end load."""
         at, parts, names = np.array([pressure]), list[Part](), list[str]()
         by_load = list[Effect]()
-        moved = set() if self.covariance is None else set(self.covariance.quantities)
-        in_columns = {name.split('.')[1] for name in moved if name.startswith('effects.')}
+        uncertain = set() if self.covariance is None else set(self.covariance.quantities)
+        in_columns = {name.split('.')[1] for name in uncertain if name.startswith('effects.')}
         counted = {*self.divided, *in_columns}
         for effect in self.effects:
             if effect.is_neutral and effect.name not in counted:

@@ -143,9 +143,9 @@ def predict_nodes(arm: Arm, start: Shape, causes: Array) -> Array:
     _, change = with_pressure_change(arm, chamber)
     change = change.without_loads()
     nodes, _, _ = linearized_ends(solution, *changes_on_mesh(solution, change))
-    moved = causes - np.array([*start.force, start.end_moment, chamber])
+    cause_change = causes - np.array([*start.force, start.end_moment, chamber])
     tangent = nodes.reshape(len(nodes), -1)
-    return np.ascontiguousarray(solution.nodes.reshape(-1, 1) + tangent.T @ moved.T)
+    return np.ascontiguousarray(solution.nodes.reshape(-1, 1) + tangent.T @ cause_change.T)
 
 
 def solve_alone(arm: Arm, rod: Rods, load: Array, start: Shape, arclength: Array) -> Shape:

@@ -20,9 +20,9 @@ def cubic_spline(knots: Array, values: Array) -> Array:
     width = np.diff(knots)
     slope = np.diff(values) / width
     bend = second_derivatives(width, slope)
-    here, there = bend[..., :-1], bend[..., 1:]
-    rise = slope - width * (2.0 * here + there) / 6.0
-    return np.stack([values[..., :-1], rise, 0.5 * here, (there - here) / (6.0 * width)], axis=-1)
+    start, end = bend[..., :-1], bend[..., 1:]
+    rise = slope - width * (2.0 * start + end) / 6.0
+    return np.stack([values[..., :-1], rise, 0.5 * start, (end - start) / (6.0 * width)], axis=-1)
 
 
 def second_derivatives(width: Array, slope: Array) -> Array:

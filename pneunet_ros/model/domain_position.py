@@ -104,8 +104,8 @@ def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple
     if not any(acting):
         return 0.0, 0.0
     if arm.load_hull is None:
-        felt = any(abs(part) > noise[place] for place, part in enumerate(acting))
-        return (math.nan if felt else 0.0), 0.0
+        exceeds_noise = any(abs(part) > noise[index] for index, part in enumerate(acting))
+        return (math.nan if exceeds_noise else 0.0), 0.0
     distance = arm.load_hull.distance(at, noise)
     return arm.load_hull.share(distance), distance
 

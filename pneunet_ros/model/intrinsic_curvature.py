@@ -99,8 +99,8 @@ def rotation_pieces(arclength: Array, curvature: Array) -> Array:
     Coefficients are ascending powers of the distance from the start of each piece; 0 at the clamp.
     """
     slopes = cubic_spline(arclength, curvature) / np.arange(1.0, 5.0)
-    turned = (slopes * np.diff(arclength)[:, None] ** np.arange(1.0, 5.0)).sum(axis=-1)
-    start = np.cumsum(turned, axis=-1) - turned
+    rotations = (slopes * np.diff(arclength)[:, None] ** np.arange(1.0, 5.0)).sum(axis=-1)
+    start = np.cumsum(rotations, axis=-1) - rotations
     return np.concatenate([start[..., None], slopes], axis=-1)
 
 

@@ -45,8 +45,12 @@ class TipSearchSettings:
     """Settings of the search for the end force that brings the tip to a position."""
 
     determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
-    near: float = tuning(1e-3, 'tip error below which the force is at fault', unit='of the length')
-    far: float = tuning(10.0, 'tip distance that must be in millimeters', unit='of the length')
+    largest_error: float = tuning(
+        1e-3, 'tip error below which the force is at fault', unit='of the length'
+    )
+    largest_distance: float = tuning(
+        10.0, 'tip distance that must be in millimeters', unit='of the length'
+    )
 
 
 SEARCH = TipSearchSettings()
@@ -176,7 +180,7 @@ class TipSearch:
         """Return the shape, or a failed one if the goal is missed or the force undetermined."""
         weakest = float(np.linalg.svd(self.force_jacobian(shape), compute_uv=False)[-1])
         distance = self.tip_error(shape)
-        if weakest < SEARCH.determined and distance < SEARCH.near * self.arm.length:
+        if weakest < SEARCH.determined and distance < SEARCH.largest_error * self.arm.length:
             sentence = (
                 'this tip position does not determine the end force: in one direction, 1 N moves '
                 f'the tip by only {1000.0 * weakest:.2g} mm (at least '
@@ -187,7 +191,7 @@ class TipSearch:
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
-            if float(np.hypot(*self.tip)) > SEARCH.far * self.arm.length:
+            if float(np.hypot(*self.tip)) > SEARCH.largest_distance * self.arm.length:
                 sentence += f': the arm is {self.arm.length:g} m long, so are these millimeters?'
         else:
             load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])

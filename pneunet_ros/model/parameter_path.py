@@ -37,10 +37,10 @@ def move_numbers(owner: Any, moves: Sequence[Move]) -> Any:
     """Return a copy of `owner` with the numbers at these paths increased."""
     if not moves:
         return owner
-    here = next((move for move in moves if not move.path), None)
-    if here is not None:
+    at_root = next((move for move in moves if not move.path), None)
+    if at_root is not None:
         if isinstance(owner, bool) or not isinstance(owner, (int, float)):
-            raise ModelError(unknown_quantity(here.name), reason='unknown_quantity')
+            raise ModelError(unknown_quantity(at_root.name), reason='unknown_quantity')
         return float(owner) + sum(move.amount for move in moves)
     if isinstance(owner, np.ndarray):
         return move_cells(owner, moves)

@@ -68,15 +68,15 @@ class Perturbation:
     def followed_by(self, other: Perturbation) -> Perturbation:
         """Return causes with others inserted before those of the loads, which stay last."""
         if self.by_load:
-            own = self.without_loads()
-            return own.followed_by(other).followed_by(self.of_loads())
-        both: dict[str, Any] = {
+            without_loads = self.without_loads()
+            return without_loads.followed_by(other).followed_by(self.of_loads())
+        combined: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1)
             for name in TABLES
         }
         distance = np.concatenate([self.distance, other.distance])
         return Perturbation(
-            **both,
+            **combined,
             distance=distance,
             by_load=other.by_load,
             same_places=self.same_places and other.same_places,
@@ -239,8 +239,8 @@ class PerturbationTable:
                 one.add_gravity(sections[own], clamp[own], gravity)
             clamp = freeze(clamp)
         if not self.alike:
-            near = freeze(np.array([pressure, pressure - step, pressure + step]))
-            own_sections, own_rotation = self.own.at(near)
+            pressures = freeze(np.array([pressure, pressure - step, pressure + step]))
+            own_sections, own_rotation = self.own.at(pressures)
             if gravity is not None:
                 arm.add_gravity(own_sections, clamp[:1].copy(), gravity)
             sections = sections.reshape(2, causes, *own_sections.shape[1:])
@@ -359,15 +359,15 @@ def constant_records(
     return sections, rotation
 
 
-def both_sides(own: Array, sides: Array) -> Array:
+def both_sides(record: Array, sides: Array) -> Array:
     """Return numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
 
-    own (3, ...): at the pressure, before and after it; sides (2 + 2 columns, ...), which are
+    record (3, ...): at the pressure, before and after it; sides (2 + 2 columns, ...), which are
     overwritten: at the pressure and before each column, then at the pressure and after each.
     """
-    both = sides.reshape(2, len(sides) // 2, *own.shape[1:])
-    both[:, 0] = own[1:]
-    return both
+    two_sided = sides.reshape(2, len(sides) // 2, *record.shape[1:])
+    two_sided[:, 0] = record[1:]
+    return two_sided
 
 
 def places_on_both_sides(every: Rods, records: Record) -> Array:
@@ -445,8 +445,8 @@ def near_records(
 ) -> Rods:
     """Return the rod records at a pressure (Pa) and one step before and after it."""
     loads = None if load is None or not arm.by_load else np.repeat(load.row, 3, axis=0)
-    near = np.array([pressure, pressure - step, pressure + step])
-    return arm.rods(near, history, loads, gravity_of(load, 3))
+    pressures = np.array([pressure, pressure - step, pressure + step])
+    return arm.rods(pressures, history, loads, gravity_of(load, 3))
 
 
 def gravity_of(load: Load | None, count: int) -> Array | None:

@@ -64,8 +64,10 @@ def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, 
     found = np.take_along_axis(sections, owner[:, :, None], axis=1)
     places = np.take_along_axis(every, order, axis=1)
     steps = LEAST_SECTION * length * np.arange(places.shape[1])
-    apart = np.maximum.accumulate(places - steps, axis=1) + steps
-    found[:, :, START] = np.where(apart > places + 0.5 * LEAST_SECTION * length, apart, places)
+    separated = np.maximum.accumulate(places - steps, axis=1) + steps
+    found[:, :, START] = np.where(
+        separated > places + 0.5 * LEAST_SECTION * length, separated, places
+    )
     return found, owner
 
 
@@ -98,8 +100,8 @@ def moved_to(rotation: Array, distance: Array) -> Array:
     exponent = np.subtract(*np.ogrid[:ROTATION_WIDTH, :ROTATION_WIDTH])
     # sum_k c_k (t + distance)^k, by powers of t
     powers = distance[..., None, None] ** np.maximum(exponent, 0)
-    moved = np.where(exponent >= 0, BINOMIAL * powers, 0.0)
-    return np.asarray(np.einsum('...k,...kj->...j', rotation, moved))
+    weights = np.where(exponent >= 0, BINOMIAL * powers, 0.0)
+    return np.asarray(np.einsum('...k,...kj->...j', rotation, weights))
 
 
 def cut_knots(knots: Array, places: Array) -> Array:
@@ -111,11 +113,11 @@ def add_curvature(rotation: Array, knots: Array, terms: Terms, length: float) ->
     """Add a change of intrinsic curvature on a part of the arm to rotation (n, pieces, 5)."""
     start, end = ends_of([terms.part], length) if terms.part is not None else (0.0, length)
     inside = (knots[:-1] >= start) & (knots[:-1] < end)
-    turned = rotation.copy()
+    total = rotation.copy()
     curvature = across(terms.curvature)
-    turned[:, :, 1] += curvature * inside
-    turned[:, :, 0] += curvature * np.clip(knots[:-1] - start, 0.0, end - start)
-    return turned
+    total[:, :, 1] += curvature * inside
+    total[:, :, 0] += curvature * np.clip(knots[:-1] - start, 0.0, end - start)
+    return total
 
 
 def add_parts(record: Record, every: Sequence[Terms], length: float, reach: float) -> Record:

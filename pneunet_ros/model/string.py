@@ -62,11 +62,11 @@ class String:
         to_eye = np.array([self.x, self.y]) - start
         square = np.sum(way**2, axis=-1)
         share = np.clip(np.sum(to_eye * way, axis=-1) / np.where(square > 0.0, square, 1.0), 0, 1)
-        away = np.linalg.norm(to_eye - share[..., None] * way, axis=-1)
-        if np.isfinite(away).any() and float(np.nanmin(away)) < radius:
+        distance = np.linalg.norm(to_eye - share[..., None] * way, axis=-1)
+        if np.isfinite(distance).any() and float(np.nanmin(distance)) < radius:
             raise RequestError(
                 f'the eye of the string at {millimeters(self.x):.4g}, {millimeters(self.y):.4g} '
-                f'mm lies on the arm ({millimeters(float(np.nanmin(away))):.2g} mm away from '
+                f'mm lies on the arm ({millimeters(float(np.nanmin(distance))):.2g} mm away from '
                 'it); X and Y are the point where the thread leaves its eye or pulley, in the '
                 'base frame at the clamp',
                 reason='out_of_bounds',
@@ -102,8 +102,8 @@ def solve_string(
     shape = solve(arm, pressure, force, moment)
     share, step, steps = 0.0, 1.0, 0
     while shape.converged and share < 1.0 and steps < MOST_STEPS:
-        pulled = String(tension=min(share + step, 1.0) * string.tension, x=string.x, y=string.y)
-        found, used = settle(arm, pressure, pulled, other_force, moment, shape)
+        reduced = String(tension=min(share + step, 1.0) * string.tension, x=string.x, y=string.y)
+        found, used = settle(arm, pressure, reduced, other_force, moment, shape)
         steps += used
         if found is not None:
             shape, share = found, share + step
@@ -114,12 +114,12 @@ def solve_string(
     if shape.converged:
         string.check_clearance(shape.x, shape.y, radius_of(arm))
     if shape.converged and share < 1.0:
-        near = math.hypot(string.x, string.y) <= arm.reach
+        eye_in_reach = math.hypot(string.x, string.y) <= arm.reach
         raise RequestError(
             f'a string of {string.tension:.3g} N finds no equilibrium beyond '
             f'{share * string.tension:.3g} N'
             + ': its eye is within reach of the tip, so the tip is pulled into it; X and Y are '
-            'in the base frame at the clamp' * near,
+            'in the base frame at the clamp' * eye_in_reach,
             reason='no_equilibrium',
         )
     return shape
@@ -136,11 +136,11 @@ def settle(
         if not shape.converged:
             return None, step
         tip = np.array(shape.tip[:2])
-        off = other_force + string.pull(tip) - force
-        if float(np.hypot(*off)) <= EXACT * string.tension:
+        residual = other_force + string.pull(tip) - force
+        if float(np.hypot(*residual)) <= EXACT * string.tension:
             return shape, step
         per_force = tip_jacobian(arm, shape)[:2, 1:3]
-        force = force + np.linalg.solve(np.eye(2) - string.slope(tip) @ per_force, off)
+        force = force + np.linalg.solve(np.eye(2) - string.slope(tip) @ per_force, residual)
     return None, MOST_STEPS // 3
 
 

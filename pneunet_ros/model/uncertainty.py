@@ -156,8 +156,8 @@ def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str
         )
     stiffness = tuple(f'moment_law.{name}' for name in STIFFNESS)
     known = any(name.startswith(stiffness) for name in covariance.quantities)
-    said = [sources[key] for key in ('moment_law', *stiffness) if key in sources][:1]
-    if known and not any(word in text for text in said for word in NOT_MEASURED):
+    used = [sources[key] for key in ('moment_law', *stiffness) if key in sources][:1]
+    if known and not any(word in text for text in used for word in NOT_MEASURED):
         return ''
     return (
         'the standard deviations do not include the model error under load, because the '

@@ -38,8 +38,10 @@ def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None
     for _ in range(MOST_STEPS):
         force = unbalanced(qpos)
         slope = np.empty((model.nv, model.nv))
-        for joint, moved in enumerate(np.eye(model.nv) * STEP):
-            slope[:, joint] = (unbalanced(qpos + moved) - unbalanced(qpos - moved)) / (2.0 * STEP)
+        for joint, offset in enumerate(np.eye(model.nv) * STEP):
+            slope[:, joint] = (unbalanced(qpos + offset) - unbalanced(qpos - offset)) / (
+                2.0 * STEP
+            )
         step = towards_rest(slope, force)
         largest = float(np.abs(step).max())
         qpos = qpos + step * min(1.0, LONGEST_STEP / max(largest, 1e-300))

@@ -97,8 +97,8 @@ class Finger:
         `pressure_range`.
         """
         stiffness, rest = self.springs_at(pressure)
-        bent = self.data.qpos[self._qpos] - rest
-        tangent = stiffness * (1.0 + 3.0 * self._cubic * bent**2)
+        bend = self.data.qpos[self._qpos] - rest
+        tangent = stiffness * (1.0 + 3.0 * self._cubic * bend**2)
         self.model.jnt_stiffness[self._joints] = stiffness
         self.model.jnt_stiffnesspoly[self._joints, 1] = stiffness * self._cubic
         self.model.qpos_spring[self._qpos] = rest

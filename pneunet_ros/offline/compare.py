@@ -97,10 +97,10 @@ def tip_content(tip: TipErrors, length: float) -> dict[str, Any]:
     """Return the errors of the tip, m and rad."""
     heading = np.abs(tip.heading[np.isfinite(tip.heading)])
     return {
-        **errors_content(tip.topics, tip.distance, tip.apart, length),
+        **errors_content(tip.topics, tip.distance, tip.stamp_offset, length),
         'at': tip.at,
         'at_end': tip.at_end,
-        'moved_between_stamps': float(np.sqrt(np.nanmean(tip.moved**2))),
+        'moved_between_stamps': float(np.sqrt(np.nanmean(tip.motion**2))),
         'mean': np.mean(tip.difference, axis=0),
         'heading': asdict(error_statistics(heading)) if heading.size else None,
         'inside_95': tip.inside_95,
@@ -115,7 +115,7 @@ def shape_content(shape: CenterlineErrors, length: float) -> dict[str, Any]:
     rms_along = np.sqrt(np.nansum(distance**2, axis=0) / np.where(seen > 0, seen, np.nan))
     worst, _ = np.unravel_index(np.nanargmax(distance), distance.shape)
     return {
-        **errors_content(shape.topics, distance, shape.apart, length),
+        **errors_content(shape.topics, distance, shape.stamp_offset, length),
         'arclength': shape.arclength,
         'rms_along': rms_along,
         'worst_stamp_ns': int(shape.stamp_ns[worst]),

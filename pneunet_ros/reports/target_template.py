@@ -116,12 +116,12 @@ def _label_strip(
     ink = 'black' if color == 'none' else color
     style: dict[str, Any] = {'rotation': 90, 'fontsize': LABEL, 'color': ink}
     x, y = corner
-    near, far = x + 0.8, x + size[0] - 0.8
-    axes.text(near, y + 1.0, ends[0], va='bottom', ha='left', weight='bold', **style)
-    axes.text(near, y + size[1] - 1.0, ends[1], va='top', ha='left', **style)
+    left_edge, right_edge = x + 0.8, x + size[0] - 0.8
+    axes.text(left_edge, y + 1.0, ends[0], va='bottom', ha='left', weight='bold', **style)
+    axes.text(left_edge, y + size[1] - 1.0, ends[1], va='top', ha='left', **style)
     middle = y + 0.5 * size[1]
-    axes.text(near, middle, name[: max(between, 0)], va='center', ha='left', **style)
-    axes.text(far, y + 1.0, dots[:room], va='bottom', ha='right', **style)
+    axes.text(left_edge, middle, name[: max(between, 0)], va='center', ha='left', **style)
+    axes.text(right_edge, y + 1.0, dots[:room], va='bottom', ha='right', **style)
 
 
 def _draw_dot(

@@ -219,8 +219,8 @@ def with_unit(name: str, text: str) -> str:
         return name
     if _plain(name).endswith(f'_{unit}'):
         reference = _without_reference(_words(text))[1]
-        own = _without_reference(_words(name))[1]
-        return f'{name} {reference}' if reference and not own else name
+        words = _without_reference(_words(name))[1]
+        return f'{name} {reference}' if reference and not words else name
     return f'{name} [{_inner(text)}]'
 
 
@@ -259,11 +259,11 @@ def likely_name(name: str) -> str:
         for quantity, kind in KINDS.items()
         for unit in SI_PER_UNIT[kind]
     ]
-    alike = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
-    near = next(iter(get_close_matches(plain, alike, 1, 0.75)), '')
-    if not near and unit in SI_PER_UNIT['pressure'] and _without_reference(_words(name))[1]:
-        near = f'pressure_{unit}'  # with its reference `at` is not a word: ata
-    return near or _BARE.get(unit, '')  # in any language: nyomás [kPa]
+    same_unit = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
+    closest = next(iter(get_close_matches(plain, same_unit, 1, 0.75)), '')
+    if not closest and unit in SI_PER_UNIT['pressure'] and _without_reference(_words(name))[1]:
+        closest = f'pressure_{unit}'  # with its reference `at` is not a word: ata
+    return closest or _BARE.get(unit, '')  # in any language: nyomás [kPa]
 
 
 def is_raw(name: str) -> bool:
@@ -308,11 +308,11 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
             )
         columns[key] = column
     if unknown:
-        there = {column.quantity for column in columns.values()}
+        present = {column.quantity for column in columns.values()}
         raw = [name for name in unknown if is_raw(name)]
-        others = [name for name in unknown if name not in raw]
-        named = any(_quantity(likely_name(name)) == 'pressure' for name in others)
-        if raw and not named and 'pressure' not in there:
+        not_raw = [name for name in unknown if name not in raw]
+        named = any(_quantity(likely_name(name)) == 'pressure' for name in not_raw)
+        if raw and not named and 'pressure' not in present:
             raise RecordingError(
                 f'{where}: {", ".join(map(repr, raw[:_NAMES_SHOWN]))} seems to be a raw signal, '
                 'not a pressure. Convert it to a column such as pressure_kpa with the data sheet '
@@ -321,19 +321,19 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
                 reason='raw_signal',
             )
         raise RecordingError(
-            f'{where}: {_unknown_columns(unknown, there)}', reason='unknown_column'
+            f'{where}: {_unknown_columns(unknown, present)}', reason='unknown_column'
         )
     _check_whole({key: column.name for key, column in columns.items()}, where)
     return list(columns.values())
 
 
-def _unknown_columns(names: list[str], there: Collection[str]) -> str:
+def _unknown_columns(names: list[str], present: Collection[str]) -> str:
     """Name all unknown columns, and the options to type.
 
-    there: the quantities that known columns already provide.
+    present: the quantities that known columns already provide.
     """
     likely = {
-        name: '' if _quantity(known) in there else known
+        name: '' if _quantity(known) in present else known
         for name in names[:_NAMES_SHOWN]
         for known in [likely_name(name)]
     }
@@ -349,12 +349,12 @@ def _unknown_columns(names: list[str], there: Collection[str]) -> str:
         if known
     ]
     options = [f'--rename {shlex.join(meant)}'] * bool(meant)
-    others = [name for name, known in likely.items() if not known]
-    options += [f'--ignore {shlex.join(others)}'] * bool(others)
+    unlike = [name for name, known in likely.items() if not known]
+    options += [f'--ignore {shlex.join(unlike)}'] * bool(unlike)
     sentence = f'the {noun} {shown}{more} {verb} not known: add {" ".join(options)}'
     if any('UNIT' in word for word in meant):
         sentence += ', replacing UNIT with the unit'
-    if others:
+    if unlike:
         sentence += f', or --rename OLD=NEW to a known name ({KNOWN_NAMES})'
     return sentence
 

@@ -137,10 +137,10 @@ def _read(
         above += 1 + comments
         first = next(given, '')
     mark = delimiter(first) if separator is None else separator['mark']
-    ahead = list(itertools.islice(given, LONGEST_PREAMBLE))
-    reader = csv.reader(itertools.chain([first], ahead, given), strict=True, delimiter=mark)
+    preamble = list(itertools.islice(given, LONGEST_PREAMBLE))
+    reader = csv.reader(itertools.chain([first], preamble, given), strict=True, delimiter=mark)
     header = [name.strip() for name in next(reader, [])]
-    below = next(filter(str.strip, ahead), '') if reader.line_num == 1 else ''
+    below = next(filter(str.strip, preamble), '') if reader.line_num == 1 else ''
     units = units_below(header, next(csv.reader([below], delimiter=mark), []), request)
     renamed = renamed_columns(header, units, request)
     check_header(path, header, units, renamed, request)
@@ -150,7 +150,7 @@ def _read(
         for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True))
         if not name or {name, *new} & set(request.ignore) or name in request.select
     }
-    standard = with_clock(standard, unread, ahead, mark)
+    standard = with_clock(standard, unread, preamble, mark)
     places: dict[str, int] = {}
     for place, name in enumerate(standard):
         if place in unread:
@@ -164,17 +164,17 @@ def _read(
     try:
         check_names(places)
     except RecordingError:
-        check_no_preamble(path, len(header), ahead, above + 1)
+        check_no_preamble(path, len(header), preamble, above + 1)
         check_separated(path, header)
-        ask_about_time(path, places, ahead, mark)
+        ask_about_time(path, places, preamble, mark)
         raise
     if not places:
-        check_no_preamble(path, len(header), ahead, above + 1)
+        check_no_preamble(path, len(header), preamble, above + 1)
     selected = {header.index(name): (name, text) for name, text in request.select.items()}
     numbers = {name: array('d') for name in places}  # 8 bytes a number
     exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
     lines: list[int] = []
-    others: dict[str, None] = {}
+    other_values: dict[str, None] = {}
     decimals: dict[str, str] = {}
     clock = Clock()
     left_out: list[str] = []
@@ -183,7 +183,7 @@ def _read(
         next(rows)
     for line, cells in rows:
         if any(cells[place].strip() != text for place, (_, text) in selected.items()):
-            others.update({', '.join(cells[place].strip() for place in selected): None})
+            other_values.update({', '.join(cells[place].strip() for place in selected): None})
             continue
         if len(lines) == MOST_ROWS:
             raise RecordingError(
@@ -207,7 +207,7 @@ def _read(
             if name in exactly:
                 exactly[name].append(_exact(path, line, name, text))
     if not lines:
-        _no_rows(path, request, list(others))
+        _no_rows(path, request, list(other_values))
     file_names = {name: renamed[place] for name, place in places.items()}
     return CsvTable(
         numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
@@ -342,12 +342,12 @@ def _exact(path: Path, line: int, name: str, text: str) -> Decimal | None:
     return None if value is None or value.is_nan() else value
 
 
-def _no_rows(path: Path, request: TableRequest, others: list[str]) -> None:
+def _no_rows(path: Path, request: TableRequest, other_values: list[str]) -> None:
     if not request.select:
         raise RecordingError(f'{path} has no rows below its first line', reason='no_row')
-    asked = ', '.join(f'{name}={text}' for name, text in request.select.items())
-    more = ', ...' if len(others) > NAMES_SHOWN else ''
+    selection = ', '.join(f'{name}={text}' for name, text in request.select.items())
+    more = ', ...' if len(other_values) > NAMES_SHOWN else ''
     raise RecordingError(
-        f'{path}: no row has {asked}; there are {"; ".join(others[:NAMES_SHOWN])}{more}',
+        f'{path}: no row has {selection}; there are {"; ".join(other_values[:NAMES_SHOWN])}{more}',
         reason='no_row',
     )

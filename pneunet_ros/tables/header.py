@@ -145,12 +145,12 @@ def renamed_columns(
     return [request.rename.get(name, name) for name in below]
 
 
-def check_no_preamble(path: Path, names: int, ahead: Sequence[str], above: int) -> None:
+def check_no_preamble(path: Path, names: int, preamble: Sequence[str], above: int) -> None:
     """Reject a table with text above it; names: number of cells in the supposed header line.
 
-    ahead: the lines below that one, which is the `above`th of the file.
+    preamble: the lines below that one, which is the `above`th of the file.
     """
-    lines = [_cells(line, delimiter(line)) for line in ahead]
+    lines = [_cells(line, delimiter(line)) for line in preamble]
     row = next((place for place, cells in enumerate(lines) if _is_row(cells)), None)
     if row is not None:
         table = _last_text(lines[:row])
@@ -189,17 +189,17 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
 
 
 def with_clock(
-    names: Sequence[str], left_out: Collection[int], ahead: Sequence[str], mark: str
+    names: Sequence[str], left_out: Collection[int], preamble: Sequence[str], mark: str
 ) -> list[str]:
     """Return the column names with the time column named, if just one has dates or times.
 
     Such a column is unambiguous, whatever its name. left_out: indices of columns that are not
-    read; ahead: the lines below the names. A date that is the same in all rows is not a time.
+    read; preamble: the lines below the names. A date that is the same in all rows is not a time.
     Nothing changes if a column is already known as the time.
     """
     if any(_is_time_column(name) for name in names):
         return list(names)
-    rows = _rows(ahead, mark)
+    rows = _rows(preamble, mark)
     clocks = [
         place
         for place in range(len(names))
@@ -218,14 +218,16 @@ def _is_time_column(name: str) -> bool:
     return name == STAMP or (column is not None and column.quantity == TIME)
 
 
-def ask_about_time(path: Path, places: Mapping[str, int], ahead: Sequence[str], mark: str) -> None:
+def ask_about_time(
+    path: Path, places: Mapping[str, int], preamble: Sequence[str], mark: str
+) -> None:
     """Ask which column is the time if none is named so and one increases from row to row.
 
-    places: column indices by name; ahead: the lines below the names.
+    places: column indices by name; preamble: the lines below the names.
     """
     if any(map(_is_time_column, places)):
         return
-    rows = _rows(ahead, mark)
+    rows = _rows(preamble, mark)
     for name, place in places.items():
         cells = [row[place] for row in rows if place < len(row)]
         likely = likely_name(name)
@@ -256,16 +258,16 @@ def _since_1970(time: float) -> str:
     return ''
 
 
-def _rows(ahead: Sequence[str], mark: str) -> list[list[str]]:
+def _rows(preamble: Sequence[str], mark: str) -> list[list[str]]:
     """Return the cells of lines with at least one number or time; others may be text."""
-    lines = [_cells(line, mark) for line in ahead]
+    lines = [_cells(line, mark) for line in preamble]
     return [cells for cells in lines if any(map(_is_number, cells))]
 
 
 def _is_row(cells: Sequence[str]) -> bool:
     """Whether cells are a data row: numbers, some of which may be missing."""
-    there = [cell for cell in cells if cell.lower() not in MISSING]
-    return bool(there) and all(map(_is_number, there))
+    filled = [cell for cell in cells if cell.lower() not in MISSING]
+    return bool(filled) and all(map(_is_number, filled))
 
 
 def _last_text(lines: Sequence[Sequence[str]]) -> int | None:
@@ -302,11 +304,11 @@ def check_header(
                 f'{path}: two columns have the name {name!r}', reason='given_twice'
             )
     below = map(with_unit, header, units) if units else ()
-    there = {*header, *below, *request.rename.values(), *renamed}
-    asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
-    for option, names in asked.items():
+    present = {*header, *below, *request.rename.values(), *renamed}
+    options = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
+    for option, names in options.items():
         for name in names:
-            if name not in (header if option == '--select' else there):
+            if name not in (header if option == '--select' else present):
                 raise RecordingError(
                     f'{path} has no column {name!r} ({option}); it has '
                     f'{", ".join(header[:NAMES_SHOWN])}',

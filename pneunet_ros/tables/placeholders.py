@@ -82,8 +82,10 @@ def places_of(columns: Sequence[Column]) -> Iterator[Place]:
     """Yield groups of columns that form one reading each."""
     names = {(column.quantity, column.target): column.name for column in columns}
     for target in sorted({column.target for column in columns if column.target is not None}):
-        both = tuple(names[quantity, target] for quantity in TOGETHER)
-        yield Place(label=f'target {target}', deciding=both, names=both, zero=target != 0)
+        components = tuple(names[quantity, target] for quantity in TOGETHER)
+        yield Place(
+            label=f'target {target}', deciding=components, names=components, zero=target != 0
+        )
     tip = tuple(names[name, None] for name in ('tip_x', 'tip_y') if (name, None) in names)
     heading = tuple(names[name, None] for name in ('tip_heading',) if (name, None) in names)
     if len(tip) == 2:
@@ -99,12 +101,12 @@ def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float
     if not rows.any():
         return False
     known = np.all([np.isfinite(numbers[name]) for name in place.deciding], axis=0)
-    others = known & ~rows
+    other_rows = known & ~rows
     if len(place.deciding) > 1:
-        return bool(others.any())
-    if np.count_nonzero(others) < 2:
+        return bool(other_rows.any())
+    if np.count_nonzero(other_rows) < 2:
         return False
-    rest = numbers[place.deciding[0]][others]
+    rest = numbers[place.deciding[0]][other_rows]
     low, high = float(np.min(rest)), float(np.max(rest))
     if value == -1.0:  # too near to readings of zero to stand apart by its size
         return bool(low >= 0.0 and rows.sum() > 1 and np.any(rest != np.round(rest)))

@@ -141,10 +141,10 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
                 reason='no_clamp_target',
             )
         )
-    nothing = np.zeros(len(stamp_ns))
+    zero = np.zeros(len(stamp_ns))
     along_axes: dict[str, Array] = {}
     if any((name, None) in columns for name in OF_STRINGS):
-        strings = [si(name) if (name, None) in columns else nothing for name in OF_STRINGS]
+        strings = [si(name) if (name, None) in columns else zero for name in OF_STRINGS]
         along_axes = dict(zip(IN_BASE, string_force(*strings), strict=True))
 
     def values_of(sensor: Sensor[Any]) -> Array:
@@ -159,7 +159,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         given = {name for name in names if name in along_axes or (name, None) in columns}
         if not given:
             return np.full((len(stamp_ns), len(names)), np.nan)
-        absent = np.full(len(stamp_ns), np.nan) if sensor.partial else nothing
+        absent = np.full(len(stamp_ns), np.nan) if sensor.partial else zero
         parts = [along_axes.get(n, si(n)) if n in given else absent for n in names]
         return np.stack(parts, axis=1)
 
@@ -187,11 +187,11 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
     targets: (rows, 2, targets) m.
     """
     places = np.sort(targets[:, 0] + 1j * targets[:, 1], axis=1)
-    same = places[:, 1:] == places[:, :-1]
-    rows = np.flatnonzero(same.any(axis=1))
+    is_same = places[:, 1:] == places[:, :-1]
+    rows = np.flatnonzero(is_same.any(axis=1))
     if not rows.size:
         return []
-    place = places[rows[0], int(np.argmax(same[rows[0]]))]
+    place = places[rows[0], int(np.argmax(is_same[rows[0]]))]
     return [
         Note(
             f'{path}: in {rows.size} of {len(lines)} rows several targets have the same position, '

@@ -38,8 +38,8 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
         axes.plot(x, running_mean(size), color=SECOND, linewidth=1.5)
         edges.append((start, start + size.size, item))
         start += size.size
-    for place, (left, right, item) in enumerate(edges):
-        axes.axvspan(left, right, color=GREY, alpha=0.07 * (place % 2), linewidth=0)
+    for index, (left, right, item) in enumerate(edges):
+        axes.axvspan(left, right, color=GREY, alpha=0.07 * (index % 2), linewidth=0)
         kind = 'loaded' if item.run.loaded else 'unloaded'
         rms = MICRO * root_mean_square(item.residual[item.solved])
         axes.text(
@@ -86,10 +86,10 @@ def draw_residuals_by_target(data: FigureData) -> Picture:
     """Draw the estimated placement and the mean remaining residual per target."""
     fit, noise = data.calibration.joint, data.calibration.noise.noise
     share = data.calibration.arm.target_arclength / data.calibration.arm.length
-    left = mean_residuals(fit)
+    residuals = mean_residuals(fit)
     figure, axes = panels(2, height=3.8)
     for panel, name, placed, mean in zip(
-        axes, ('along the arm', 'across the arm'), fit.placement, left, strict=True
+        axes, ('along the arm', 'across the arm'), fit.placement, residuals, strict=True
     ):
         panel.axhspan(
             -2.0 * MICRO * noise.placement_std,

@@ -42,20 +42,20 @@ def sensitivity(data: FigureData) -> Picture | None:
     varied = variations(data.calibration.arm, steady_state)
     nominal = varied[0].shapes[FACTORS.index(1.0)]
     figure, axes = panels(len(varied), rows=2, height=6.4)
-    shapes, moved = axes[: len(varied)], axes[len(varied) :]
+    shapes, displacements = axes[: len(varied)], axes[len(varied) :]
     x, y = millimeters(1.0) * steady_state.x, millimeters(1.0) * steady_state.y
     for place, variation in enumerate(varied):
-        draw_variation(shapes[place], moved[place], variation, nominal)
+        draw_variation(shapes[place], displacements[place], variation, nominal)
         draw_dots(shapes[place], x, y, 2.6, color=MEASURED, zorder=4, label='measured')
         as_shapes(shapes[place], f'({"abc"[place]}) {variation.name}')
         legend(shapes[place], loc='best')
-        moved[place].set(
+        displacements[place].set(
             title=f'free end moves {travel(variation)} in all',
             xlabel='arclength $s / l$',
             ylabel='distance from the fitted (mm)',
             xlim=(0.0, 1.0),
         )
-    same_height(moved, low=0.0)
+    same_height(displacements, low=0.0)
     return Picture(
         '10_sensitivity',
         'Sensitivity of the shape',
@@ -68,7 +68,9 @@ def sensitivity(data: FigureData) -> Picture | None:
     )
 
 
-def draw_variation(shapes: Axes, moved: Axes, variation: Variation, nominal: Shape) -> None:
+def draw_variation(
+    shapes: Axes, displacements: Axes, variation: Variation, nominal: Shape
+) -> None:
     """Draw the shapes of a variation, from dark to light, and their distance from the nominal."""
     colors = colormaps['plasma'](np.linspace(0.05, 0.8, len(variation.shapes)))
     for rgba, label, shape in zip(colors, variation.labels, variation.shapes, strict=True):
@@ -80,8 +82,10 @@ def draw_variation(shapes: Axes, moved: Axes, variation: Variation, nominal: Sha
             linewidth=1.3,
             label=label,
         )
-        away = millimeters(1.0) * np.hypot(shape.x - nominal.x, shape.y - nominal.y)
-        moved.plot(shape.arclength / shape.arclength[-1], away, color=color, linewidth=1.5)
+        distance = millimeters(1.0) * np.hypot(shape.x - nominal.x, shape.y - nominal.y)
+        displacements.plot(
+            shape.arclength / shape.arclength[-1], distance, color=color, linewidth=1.5
+        )
 
 
 def travel(variation: Variation) -> str:

@@ -137,18 +137,18 @@ def tip_text(fit: Fit) -> str:
 
 def heading_rms(runs: Sequence[FittedRun]) -> float:
     """Return the rms (rad) of the tip heading in these runs; NaN if unknown."""
-    left = [
+    residuals = [
         heading_residual(item.run.heading, item.fields[:, THETA, -1])[item.solved]
         for item in runs
         if item.run.heading is not None
     ]
-    return root_mean_square(np.concatenate([*left, np.zeros(0)]))
+    return root_mean_square(np.concatenate([*residuals, np.zeros(0)]))
 
 
 def last_target_rms(runs: Sequence[FittedRun]) -> float:
     """Return the rms distance (m) of the last target in these runs; NaN if not seen."""
-    away = [np.hypot(*item.residual[item.solved][:, :, -1].T) for item in runs]
-    return root_mean_square(np.concatenate(away))
+    distances = [np.hypot(*item.residual[item.solved][:, :, -1].T) for item in runs]
+    return root_mean_square(np.concatenate(distances))
 
 
 def varies(calibration: Calibration) -> bool:

@@ -104,14 +104,14 @@ def in_chi_squared(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> str:
     rms = f'{millimeters(before.rms):.3f} mm rms'
     if before.rms == after.rms:
         change = f'chi squared per coordinate is {before.chi_squared:.4g}'
-        same = f'{rms}, {floor_text(diagnosis)}; nothing was added'
+        unchanged = f'{rms}, {floor_text(diagnosis)}; nothing was added'
     else:
         change = (
             f'chi squared per coordinate goes from {before.chi_squared:.4g} to '
             f'{after.chi_squared:.4g}'
         )
-        same = f'{rms} before, {millimeters(after.rms):.3f} mm after, {floor_text(diagnosis)}'
-    return f'{change} (noise alone: 1). The rms error cannot show the missing effect ({same})'
+        unchanged = f'{rms} before, {millimeters(after.rms):.3f} mm after, {floor_text(diagnosis)}'
+    return f'{change} (noise alone: 1). The rms error cannot show the missing effect ({unchanged})'
 
 
 def removed_text(diagnosis: Diagnosis) -> str:

@@ -36,8 +36,8 @@ def maps(data: FigureData) -> Picture | None:
     heat_maps = data.diagnosis.heat_maps
     if not heat_maps:
         return None
-    wide = len(data.models)
-    figure, axes = panels(wide, rows=len(heat_maps), height=0.8 + 2.3 * len(heat_maps))
+    columns = len(data.models)
+    figure, axes = panels(columns, rows=len(heat_maps), height=0.8 + 2.3 * len(heat_maps))
     cells = np.concatenate(
         [cell.ravel() for item in heat_maps for cell in (item.before, item.after)]
     )
@@ -47,7 +47,7 @@ def maps(data: FigureData) -> Picture | None:
     for row, item in enumerate(heat_maps):
         for column, (when, _) in enumerate(data.models):
             values = item.before if column == 0 else item.after
-            draw_map(axes[wide * row + column], item, values, norm)
+            draw_map(axes[columns * row + column], item, values, norm)
             if row == 0:
                 axes[column].set_title(f'({"ab"[column]}) {when}')
     mesh = axes[0].collections[0]
@@ -137,9 +137,9 @@ def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float)
         axes.bar(places, seen, 0.6, label='of the observations', **outline)
         axes.set_xticks(places, names)
     else:
-        left = scale * np.array([item.start for item in shares])
-        width = scale * np.array([item.stop for item in shares]) - left
-        axes.bar(left, heights, width, align='edge', color=colors, edgecolor='white')
-        axes.bar(left, seen, width, align='edge', label='of the observations', **outline)
+        start = scale * np.array([item.start for item in shares])
+        width = scale * np.array([item.stop for item in shares]) - start
+        axes.bar(start, heights, width, align='edge', color=colors, edgecolor='white')
+        axes.bar(start, seen, width, align='edge', label='of the observations', **outline)
     axes.grid(visible=False, axis='x')
     axes.set(xlabel=label)

@@ -48,9 +48,9 @@ def loops(data: FigureData) -> Picture | None:
     diagnosis = data.diagnosis
     if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:
         return None
-    wide = len(data.models)
-    figure, axes = panels(wide, rows=2, height=7.4)
-    sides = (diagnosis.before, diagnosis.after)[:wide]
+    columns = len(data.models)
+    figure, axes = panels(columns, rows=2, height=7.4)
+    sides = (diagnosis.before, diagnosis.after)[:columns]
     for column, (side, (when, _)) in enumerate(zip(sides, data.models, strict=True)):
         loop = loop_of(side)
         if not loop.pressure.size:
@@ -62,18 +62,18 @@ def loops(data: FigureData) -> Picture | None:
             ylabel=r'moment $M_\mathrm{est}$ (mN m)',
         )
         draw(
-            axes[wide + column],
+            axes[columns + column],
             kilopascals(1.0) * loop.pressure,
             loop.change - loop.expected,
             loop.direction,
         )
-        axes[wide + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
-        axes[wide + column].set(
-            title=f'({"abcd"[wide + column]}) residual of the model, {when}',
+        axes[columns + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
+        axes[columns + column].set(
+            title=f'({"abcd"[columns + column]}) residual of the model, {when}',
             xlabel='pressure (kPa)',
             ylabel='measured - predicted curvature (1/m)',
         )
-    for pair in (axes[:wide], axes[wide:]):
+    for pair in (axes[:columns], axes[columns:]):
         same_height(pair)
     legend(axes[0], loc='best')
     return Picture(

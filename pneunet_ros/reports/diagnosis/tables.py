@@ -46,10 +46,10 @@ class Table:
 
 def added_effects(diagnosis: Diagnosis) -> list[str]:
     """Return the named effects in the augmented model."""
-    there = {effect.name for effect in diagnosis.after.arm.effects}
+    present = {effect.name for effect in diagnosis.after.arm.effects}
     if diagnosis.after.arm.inertia is not None:  # of which the model file has a block of its own
-        there.add(Inertia.name)
-    return [effect.name for effect in diagnosis.effects if effect.name in there]
+        present.add(Inertia.name)
+    return [effect.name for effect in diagnosis.effects if effect.name in present]
 
 
 def error_table(diagnosis: Diagnosis, discovery: Discovery = NOTHING_SEARCHED) -> Table:
@@ -209,8 +209,8 @@ def shift_table(diagnosis: Diagnosis) -> Table:
 
 def sigmas(item: Shift) -> float:
     """Return the shift of a quantity in standard errors."""
-    moved = abs(item.after - item.before)
-    return moved / item.std if item.std > 0.0 else 0.0
+    change = abs(item.after - item.before)
+    return change / item.std if item.std > 0.0 else 0.0
 
 
 def detectable_table(diagnosis: Diagnosis) -> Table:

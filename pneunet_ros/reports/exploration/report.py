@@ -81,8 +81,8 @@ def answer_of(item: Round) -> str:
     found = item.investigation.diagnosis
     diagnosis = item.diagnosis
     names = '' if diagnosis is None else ' + '.join(effect.name for effect in diagnosis.effects)
-    others = () if diagnosis is None else diagnosis.alternatives
-    return ' or '.join([f'{found.answer}{f": {names}" if names else ""}', *others])
+    alternatives = () if diagnosis is None else diagnosis.alternatives
+    return ' or '.join([f'{found.answer}{f": {names}" if names else ""}', *alternatives])
 
 
 def gap_picture(rounds: Sequence[Round]) -> Picture:

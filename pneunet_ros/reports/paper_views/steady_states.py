@@ -43,12 +43,10 @@ class SteadyState:
 
     def sightings(self, target_std: float) -> TargetSightings:
         """Return the mean targets as sightings of a tracker, with the std of the mean."""
-        nothing = unseen_targets(0, self.x.size)
+        unseen = unseen_targets(0, self.x.size)
         std = np.where(self.count > 0, target_std / np.sqrt(np.maximum(self.count, 1)), np.nan)
-        rest = {name: getattr(nothing, name) for name in ('u', 'v', 'area', 'major', 'minor')}
-        return TargetSightings(
-            stamp_ns=0, x=self.x, y=self.y, std=std, angle=nothing.angle, **rest
-        )
+        rest = {name: getattr(unseen, name) for name in ('u', 'v', 'area', 'major', 'minor')}
+        return TargetSightings(stamp_ns=0, x=self.x, y=self.y, std=std, angle=unseen.angle, **rest)
 
 
 def find_steady_states(
@@ -119,11 +117,11 @@ def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
     places = np.array([state.pressure for state in states])
     half = 0.5 * float(np.ptp(places)) / max(count - 1, 1)
     chosen: list[int] = []
-    for wanted in np.linspace(places.min(), places.max(), count).tolist():
-        near = np.flatnonzero(np.abs(places - wanted) <= half).tolist()
-        free = [place for place in near if place not in chosen]
+    for target in np.linspace(places.min(), places.max(), count).tolist():
+        close = np.flatnonzero(np.abs(places - target) <= half).tolist()
+        free = [place for place in close if place not in chosen]
         if free:
-            distance = np.abs(places - wanted)
+            distance = np.abs(places - target)
             chosen.append(max(free, key=lambda at: (states[at].frames, -distance[at])))
     return sorted((states[at] for at in chosen), key=lambda steady_state: steady_state.pressure)
 

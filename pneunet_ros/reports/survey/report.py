@@ -65,11 +65,11 @@ def effects_sentence(data: SurveyData) -> str:
     counts = data.effect_counts()
     named = ', '.join(f'{name} in {count}' for name, count in counts.items())
     answers = {name: count for name, count in data.answer_counts().items() if name != 'named'}
-    others = ', '.join(f'{name} {count}' for name, count in answers.items())
-    said = f'Named as missing, of {done} arms: {named}'
+    other_answers = ', '.join(f'{name} {count}' for name, count in answers.items())
+    text = f'Named as missing, of {done} arms: {named}'
     if not named:
-        said = f'In none of {done} arms was an effect named as missing'
-    return f'{said}{f"; other answers: {others}" if others else ""}.'
+        text = f'In none of {done} arms was an effect named as missing'
+    return f'{text}{f"; other answers: {other_answers}" if other_answers else ""}.'
 
 
 def rare_sentences(data: SurveyData) -> list[str]:
@@ -85,15 +85,15 @@ def certainty(data: SurveyData) -> str:
     """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
-    said = f'Too few arms to find odd ones: at least {FLEET.fewest} are needed.'
+    text = f'Too few arms to find odd ones: at least {FLEET.fewest} are needed.'
     if compared:
-        said = (
+        text = (
             f'{compared} of {done} arms are compared, with their error bars; in '
             f'{100.0 * FLEET.level:g} % of fleets of alike arms, one is called odd by '
             'chance.'
         )
     held_out = sum(item.held_out for item in data.done)
-    return f'{said} Model errors of {held_out} of {done} arms are from held-out recordings.'
+    return f'{text} Model errors of {held_out} of {done} arms are from held-out recordings.'
 
 
 def next_steps(data: SurveyData) -> tuple[str, str]:
@@ -120,12 +120,12 @@ def arm_row(arm: SurveyedArm, data: SurveyData) -> dict[str, Any]:
     place = data.fleet.names.index(arm.name)
     chance = data.fleet.p_values[place]
     errors = arm.errors
-    said = ' + '.join(arm.effects) or arm.answer
+    answer = ' + '.join(arm.effects) or arm.answer
     return {
         'name': arm.name,
         'link': f'{arm.folder}/report.html',
         'odd': arm.name in data.odd,
-        'said': ' or '.join([said, *arm.alternatives]),
+        'said': ' or '.join([answer, *arm.alternatives]),
         'answer': arm.answer,
         'before': '-' if errors is None else f'{millimeters(errors[0]):.3f}',
         'after': '-' if errors is None else f'{millimeters(errors[1]):.3f}',

@@ -137,18 +137,18 @@ class TrackingPage:
         x, y = spline(at)
         slope_x, slope_y = spline(at, 1)
         normal = (tracking.sightings.y - y) * slope_x - (tracking.sightings.x - x) * slope_y
-        away = np.where(inside, MICRO * normal / np.hypot(slope_x, slope_y), np.nan)
-        return [round(value) if math.isfinite(value) else None for value in away.tolist()]
+        distance = np.where(inside, MICRO * normal / np.hypot(slope_x, slope_y), np.nan)
+        return [round(value) if math.isfinite(value) else None for value in distance.tolist()]
 
     def _estimate_at(self, stamp_ns: int) -> Array | None:
         """Return estimated points (2, stations) m nearest to a stamp; None if there are none."""
         if self.estimated is None or not self.estimated.stamp_ns.size:
             return None
         reach = 0.5 * median_period(self.estimated.stamp_ns)
-        found, near = match_stamps(
+        found, is_matched = match_stamps(
             np.array([stamp_ns]), self.estimated.stamp_ns, reach if math.isfinite(reach) else 0.0
         )
-        return self.estimated.points[found[0]] if near[0] else None
+        return self.estimated.points[found[0]] if is_matched[0] else None
 
     def html(self, output: str) -> str:
         """Return the page; output: the written recording, '' without."""

@@ -255,9 +255,9 @@ def _plain(axes: Axes) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
-def thin(count: int, wanted: int) -> list[int]:
-    """Return indices of at most `wanted` of `count` items, from the first to the last."""
-    return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))
+def thin(count: int, most: int) -> list[int]:
+    """Return indices of at most `most` of `count` items, from the first to the last."""
+    return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))
 
 
 def overlay_of(image: Image, tracking: Tracking, state: TrackerState) -> Bytes:
@@ -275,13 +275,13 @@ def heat(times: Array, statuses: Array) -> tuple[Array, Array]:
     share of explained frames in which a target was seen, -1 without explained frames, NaN without
     frames.
     """
-    together = math.ceil(len(times) / COLUMNS)
+    per_column = math.ceil(len(times) / COLUMNS)
     usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     usual = usual or 1.0
     edges: list[float] = []
     shares: list[Array] = []
-    for first in range(0, len(times), together):
-        group = statuses[first : first + together]
+    for first in range(0, len(times), per_column):
+        group = statuses[first : first + per_column]
         explained = group[group[:, 0] >= 0.0] if group.shape[1] else group
         if edges and times[first] > edges[-1] + GAP * usual:
             shares.append(np.full(group.shape[1], np.nan))
@@ -289,5 +289,5 @@ def heat(times: Array, statuses: Array) -> tuple[Array, Array]:
             edges.pop()
         edges.append(float(times[first]))
         shares.append(explained.mean(axis=0) if len(explained) else np.full(group.shape[1], -1.0))
-        edges.append(float(times[min(first + together, len(times)) - 1]) + usual)
+        edges.append(float(times[min(first + per_column, len(times)) - 1]) + usual)
     return np.array(edges), np.array(shares)
