@@ -86,16 +86,16 @@ def test_the_lab_records_what_an_accelerometer_on_its_base_reads(tmp_path):
     path, recording = written(tmp_path)
     found = read_gravity(open_recording(path), {}, AS_SHIPPED, AS_MODEL)
     time = (found.stamp_ns - found.stamp_ns[0]) * 1e-9
-    felt = TURN.felt(time, 4.0)[:, :2] / G
+    felt = TURN.apparent_gravity(time, 4.0)[:, :2] / G
     assert found.direction == pytest.approx(felt, abs=1e-7)
     assert np.ptp(found.direction[:, 0]) > 0.5
     # The base is pushed upwards, and then held.
     assert np.abs(np.hypot(*found.direction.T) - 1.0).max() > 0.02
     run, _ = read_run(path, recording.x.shape[1])
     shown = (run.stamp_ns - recording.imu_stamp_ns[0]) * 1e-9
-    assert run.gravity == pytest.approx(TURN.felt(shown, 4.0)[:, :2] / G, abs=2e-4)
+    assert run.gravity == pytest.approx(TURN.apparent_gravity(shown, 4.0)[:, :2] / G, abs=2e-4)
     later = run.at_instants(0.1)
-    assert later.gravity == pytest.approx(TURN.felt(shown - 0.1, 4.0)[:, :2] / G, abs=1e-2)
+    assert later.gravity == pytest.approx(TURN.apparent_gravity(shown - 0.1, 4.0)[:, :2] / G, abs=1e-2)
     assert len(run.thin(5).gravity) == 5
 
 
