@@ -92,7 +92,7 @@ def estimate_noise(
     white = white if white is not None else assumed.target_std
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
-    correlated_targets, likeness = correlation_at_rest(runs, pressure_std)
+    correlated_targets, correlation = correlation_at_rest(runs, pressure_std)
     notes = []
     # Both components of a force are read by one sensor.
     forces = [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads_of(runs)]
@@ -121,7 +121,7 @@ def estimate_noise(
         notes.append(
             Note(
                 'while the arm rests, the errors of neighboring targets are correlated '
-                f'({likeness:.2f}), as with hot air, a curved window or lossy video. The noise '
+                f'({correlation:.2f}), as with hot air, a curved window or lossy video. The noise '
                 f'of each target is set to {factor:.2g} times the measured noise',
                 reason='alike_neighbors',
             )
