@@ -20,7 +20,7 @@ from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import load_read, NearWrench, path_of, PressureInstant
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.swinging import swinging_estimate, SwingingEstimate, swung_on
+from pneunet_ros.fusion.swinging import propagate_swing, swinging_estimate, SwingingEstimate
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.contact import Push
@@ -34,7 +34,7 @@ from pneunet_ros.measurement.errors.propagated_errors import (
 )
 from pneunet_ros.measurement.inference.bank import Hypothesis, odds_relative_to_first
 from pneunet_ros.measurement.inference.gaussian import compress
-from pneunet_ros.measurement.swinging_arm import Passed
+from pneunet_ros.measurement.swinging_arm import EquilibriumBetween
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape
@@ -165,7 +165,7 @@ def arm_at(
     belief = state.belief or first_belief(model.unknowns, stamp_ns, state.lasting)
     inputs = model.inputs_at(instant, wrench)
     unseen = np.zeros((belief.mean.size, 0))
-    before, moved = belief, None
+    before, motion = belief, None
     causes = model.unknowns.causes_at(inputs)
     start = start or belief.solution
     if belief.stamp_ns != stamp_ns or not belief.frames:
@@ -181,14 +181,14 @@ def arm_at(
         belief = model.with_wrench(belief, wrench, instant.gauge)
     bent = bent_at(model, belief, inputs, causes, start)
     if stamp_ns != before.stamp_ns:
-        path: list[Passed] = []
+        path: list[EquilibriumBetween] = []
         if model.swinging is not None:
             pulls = model.pulled(() if wrench is None else state.force.kept, instant.gauge)
             path = path_of(state.pressures, pulls, before.stamp_ns, before.chamber, instant)
-        every = None
+        all_causes = None
         if model.swinging and bent.shape.converged and not model.knows_force(belief):
-            every = causes_with_contact(model.unknowns, causes, bent.contact)
-        belief, moved = swung_on(model.swinging, before, belief, bent, path, every)
+            all_causes = causes_with_contact(model.unknowns, causes, bent.contact)
+        belief, motion = propagate_swing(model.swinging, before, belief, bent, path, all_causes)
     ratio = 1.0 if state.nis is None else state.nis.birge_ratio(model.settings.frame_gate)
     if ratio > 1.0:  # no hypothesis explains the last frames
         belief, unseen = replace(belief, root=freeze(ratio * belief.root)), ratio * unseen
@@ -199,7 +199,7 @@ def arm_at(
         causes=causes,
         bent=bent,
         position=position_of(model, belief, bent, inputs),
-        swinging=swinging_estimate(model.swinging, belief, bent, moved),
+        swinging=swinging_estimate(model.swinging, belief, bent, motion),
     )
 
 
@@ -340,7 +340,7 @@ def shape_estimate(
         )
     shape, motion = bent.shape, None
     if arm.swinging is not None:
-        shape = arm.swinging.swung.shape(shape)
+        shape = arm.swinging.swing_deviation.shape(shape)
         errors = arm.swinging.errors(causes, sensitivity, errors)
         motion = arm.swinging.motion(errors)
     return estimate_of(
@@ -365,10 +365,10 @@ def other_shape(model: PreparedModel, other: Belief, instant: PressureInstant) -
     bent = bent_at(model, other, inputs, causes, other.solution)
     if not bent.shape.converged:
         return None
-    moved = replace(other, stamp_ns=instant.stamp_ns)
-    swung, _ = swung_on(model.swinging, other, moved, bent)
-    there = swinging_estimate(model.swinging, swung, bent, None)
-    return bent.shape if there is None else there.swung.shape(bent.shape)
+    restamped = replace(other, stamp_ns=instant.stamp_ns)
+    propagated, _ = propagate_swing(model.swinging, other, restamped, bent)
+    estimate = swinging_estimate(model.swinging, propagated, bent, None)
+    return bent.shape if estimate is None else estimate.swing_deviation.shape(bent.shape)
 
 
 def shape_in_place(model: PreparedModel, shape: Shape, belief: Belief) -> Shape:

@@ -128,11 +128,11 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     bent, arm = fit.trial.bent, problem.table.arm
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     displacement = measured_moves(arm, sensitivity)
-    problem.moved_too(fit.trial, sensitivity, displacement)
+    problem.add_swing(fit.trial, sensitivity, displacement)
     displacement, pulled = displacement[LOADS:], pulled_at(problem, fit, place)
-    if pulled is not None and fit.trial.swung is not None:
+    if pulled is not None and fit.trial.swing_deviation is not None:
         displacement = displacement + np.tensordot(
-            pulled[: Motion.SHAPES].T, fit.trial.swung.by_shape, axes=1
+            pulled[: Motion.SHAPES].T, fit.trial.swing_deviation.by_shape, axes=1
         )
     pushes = problem.whiten(problem.along_arm(fit.trial, displacement)).T
     weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
@@ -157,10 +157,10 @@ def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> A
     place (places,): arclength (m). Returns the changes of the modal coordinates and momenta
     (4, places); None if the arm does not swing.
     """
-    swung, reference, arm = fit.trial.swung, problem.prior.reference, problem.swinging
-    if swung is None or reference is None or arm is None:
+    swing, reference, arm = fit.trial.swing_deviation, problem.prior.reference, problem.swinging
+    if swing is None or reference is None or arm is None:
         return None
-    return np.asarray(reference.pull @ arm.pushed(swung, reference.turns, place))
+    return np.asarray(reference.pull @ arm.force_on_shapes(swing, reference.turns, place))
 
 
 def with_pull(problem: FrameProblem, pulled: Array) -> Belief:

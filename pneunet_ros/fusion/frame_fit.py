@@ -36,7 +36,7 @@ from pneunet_ros.measurement.inference.gaussian import innovation_factor, root_a
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 from pneunet_ros.measurement.painted_targets import paint, PaintedTargets
 from pneunet_ros.measurement.predicted_targets import target_jacobian
-from pneunet_ros.measurement.swinging_arm import ERRORS, Reference, SwingingArm, Swung
+from pneunet_ros.measurement.swinging_arm import ERRORS, Reference, SwingDeviation, SwingingArm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
@@ -59,7 +59,8 @@ class Trial:
     the camera; painted: nominal positions before the rotation of the camera; back (targets,):
     rotation from the camera to the directions along and across the arm. residual (coordinates,):
     along and across the arm, target by target. solved: xi at which the arm was solved; xi itself
-    may be one linear step further. swung: offset of a swinging arm's targets from equilibrium.
+    may be one linear step further. swing_deviation: offset of a swinging arm's targets from
+    equilibrium.
     """
 
     xi: Array
@@ -70,7 +71,7 @@ class Trial:
     back: Complex
     residual: Array
     cost: float
-    swung: Swung | None = None
+    swing_deviation: SwingDeviation | None = None
 
 
 def solve_factored(factor: Array, sides: Array) -> Array:
@@ -127,7 +128,7 @@ class FrameLinearization:
             xi=trial.xi + self.step,
             solved=trial.solved,
             bent=trial.bent,
-            swung=trial.swung,
+            swing_deviation=trial.swing_deviation,
             seen=trial.seen,
             painted=trial.painted,
             back=trial.back,
@@ -165,9 +166,9 @@ class FrameProblem:
     targets to use.
 
     For a swinging arm: swinging; late: first column of the root for force changes since the last
-    frame, and answered: the share of the response of the arm so far; considered: a direction (2,
-    1) of the tip force, and the share of the information that it uses; left_out: first column of
-    the truncation errors of the swing, which belong to this frame only.
+    frame, and response_share: the share of the response of the arm so far; considered: a direction
+    (2, 1) of the tip force, and the share of the information that it uses; left_out: first column
+    of the truncation errors of the swing, which belong to this frame only.
 
     Constant during the search: std (coordinates,) m of white noise; measured (targets,) m, x + i
     y; causes (causes, unknowns): derivatives of every cause by the unknowns; cause_root:
@@ -187,7 +188,7 @@ class FrameProblem:
     used: Mask
     swinging: SwingingArm | None = None
     late: int | None = None
-    answered: float = 1.0
+    response_share: float = 1.0
     considered: tuple[Array, float] | None = None
     left_out: int | None = None
     still_root: Array = field(init=False)
@@ -211,7 +212,7 @@ class FrameProblem:
         static_root = root
         if self.late is not None:
             static_root = root.copy()
-            static_root[unknowns.at(TipForce), self.late :] *= self.answered
+            static_root[unknowns.at(TipForce), self.late :] *= self.response_share
         cause_count, size = len(causes), root.shape[1]
         added = [unknowns.at(Push)] if touched else []
         if self.swinging is not None and self.prior.reference is not None:
@@ -286,14 +287,19 @@ class FrameProblem:
         """Compare the targets of an arm solved at xi with the frame; None if not finite."""
         unknowns, arm, shape = self.unknowns, self.table.arm, bent.shape
         x = self.mean + self.still_root @ xi
-        arm_x, arm_y, theta, swung = (shape.x, shape.y, shape.theta, self.swung(bent, x))
+        arm_x, arm_y, theta, swing_deviation = (
+            shape.x,
+            shape.y,
+            shape.theta,
+            self.swing_deviation(bent, x),
+        )
         curvature = shape.curvature
-        if swung is not None:
-            moved_x, moved_y, rotation, bends = swung.deviation
+        if swing_deviation is not None:
+            moved_x, moved_y, rotation, bends = swing_deviation.deviation
             curvature = curvature + bends
             if self.left_out is not None:
                 omitted = xi[self.left_out : self.left_out + ERRORS]
-                off_x, off_y = np.tensordot(omitted, swung.left_out, axes=1)
+                off_x, off_y = np.tensordot(omitted, swing_deviation.left_out, axes=1)
                 moved_x, moved_y = moved_x + off_x, moved_y + off_y
             arm_x, arm_y, theta = (arm_x + moved_x, arm_y + moved_y, theta + rotation)
         painted = paint(theta, curvature, unknowns.dots_moved(x))
@@ -310,7 +316,7 @@ class FrameProblem:
             xi=xi,
             solved=xi,
             bent=bent,
-            swung=swung,
+            swing_deviation=swing_deviation,
             seen=seen,
             painted=painted,
             back=back,
@@ -318,23 +324,23 @@ class FrameProblem:
             cost=cost,
         )
 
-    def swung(self, bent: BentArm, x: Array) -> Swung | None:
+    def swing_deviation(self, bent: BentArm, x: Array) -> SwingDeviation | None:
         """Return the offset of the targets from equilibrium; None if the arm does not swing."""
         arm, reference = self.swinging, self.prior.reference
         if arm is None or reference is None:
             return None
-        return arm.swung(bent.solution, x, reference, arm.targets)
+        return arm.swing_deviation(bent.solution, x, reference, arm.targets)
 
-    def moved_too(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
+    def add_swing(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
         """Add, in place, the effect of causes on the swing to moves (causes, 4, targets).
 
         Returns the rotation of the equilibrium links by each cause; None if the arm does not
         swing.
         """
-        if self.swinging is None or trial.swung is None:
+        if self.swinging is None or trial.swing_deviation is None:
             return None
         turning = self.swinging.headings(sensitivity)
-        moves += trial.swung.moves(turning)
+        moves += trial.swing_deviation.moves(turning)
         return turning
 
     def whiten(self, moves: Complex) -> Array:
@@ -370,11 +376,11 @@ class FrameProblem:
         xi, root, tip = trial.xi, self.root, self.unknowns.at(TipForce)
         sensitivity = trial.bent.linearize()
         by_cause = target_jacobian(self.table, sensitivity)
-        turning = self.moved_too(trial, sensitivity, by_cause)
-        if trial.swung is not None:
-            added = [trial.swung.by_shape]
+        turning = self.add_swing(trial, sensitivity, by_cause)
+        if trial.swing_deviation is not None:
+            added = [trial.swing_deviation.by_shape]
             if self.left_out is not None:
-                added.append(np.pad(trial.swung.left_out, ((0, 0), (0, 2), (0, 0))))
+                added.append(np.pad(trial.swing_deviation.left_out, ((0, 0), (0, 2), (0, 0))))
             by_cause = np.concatenate([by_cause, *added])
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
         moves[:-3] = self.along_arm(trial, by_cause)
@@ -542,11 +548,11 @@ class FrameProblem:
     def reference_after(self, fit: FrameLinearization) -> Reference | None:
         """Return the reference of a swing, with the equilibrium estimated from the frame."""
         trial, reference = fit.trial, self.prior.reference
-        if reference is None or trial.swung is None or fit.turning is None:
+        if reference is None or trial.swing_deviation is None or fit.turning is None:
             return None
         causes = causes_with_contact(self.unknowns, self.causes, trial.bent.contact)
-        return reference.seen(
-            trial.swung,
+        return reference.at_estimate(
+            trial.swing_deviation,
             freeze(self.mean + self.still_root @ trial.solved),
             freeze(fit.turning.T @ causes),
         )

@@ -23,7 +23,7 @@ from pneunet_ros.fusion.frame_update import (
 )
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
-from pneunet_ros.fusion.swinging import swung_on
+from pneunet_ros.fusion.swinging import propagate_swing
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.tip_force import TipForce
@@ -189,7 +189,7 @@ def problem_of(
     if model.swinging is not None:
         if frame.wrench is not None:  # a swing follows the force that is read
             prior = model.with_wrench(prior, frame.wrench, instant.gauge)
-        prior = swung_to(model, belief, prior, frame, inputs)
+        prior = propagate_to_frame(model, belief, prior, frame, inputs)
     growth = None
     seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
     if frame.alone:
@@ -218,21 +218,21 @@ def problem_of(
         used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
         swinging=model.swinging,
         late=None if model.swinging is None or frame.wrench else belief.root.shape[1],
-        answered=1.0 if model.swinging is None else model.swinging.answered(seconds),
+        response_share=1.0 if model.swinging is None else model.swinging.response_share(seconds),
         left_out=left_out,
     )
 
 
-def swung_to(
-    model: PreparedModel, before: Belief, moved: Belief, frame: ReadFrame, inputs: FrameInputs
+def propagate_to_frame(
+    model: PreparedModel, before: Belief, propagated: Belief, frame: ReadFrame, inputs: FrameInputs
 ) -> Belief:
     """Return a belief propagated to a frame, with the swing of the arm."""
     causes = model.unknowns.causes_at(inputs)
-    contact = model.held_contact(moved)
+    contact = model.held_contact(propagated)
     bent = bend_arm(
         model.table,
         inputs,
-        causes @ moved.mean,
+        causes @ propagated.mean,
         before.solution,
         model.arm.target_arclength,
         quick=True,
@@ -240,8 +240,8 @@ def swung_to(
     )
     pulls = model.pulled(frame.pulls, frame.instant.gauge)
     path = path_of(frame.before, pulls, before.stamp_ns, before.chamber, frame.instant)
-    every = None
-    if bent.shape.converged and not model.knows_force(moved):
-        every = causes_with_contact(model.unknowns, causes, contact)
-    swung, _ = swung_on(model.swinging, before, moved, bent, path, every)
-    return replace(swung, solution=bent.solution if bent.shape.converged else before.solution)
+    all_causes = None
+    if bent.shape.converged and not model.knows_force(propagated):
+        all_causes = causes_with_contact(model.unknowns, causes, contact)
+    advanced, _ = propagate_swing(model.swinging, before, propagated, bent, path, all_causes)
+    return replace(advanced, solution=bent.solution if bent.shape.converged else before.solution)

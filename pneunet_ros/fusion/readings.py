@@ -11,7 +11,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.effects.effect import History, Load
-from pneunet_ros.measurement.swinging_arm import Passed
+from pneunet_ros.measurement.swinging_arm import EquilibriumBetween
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +115,7 @@ def path_of(
     since_ns: int,
     chamber: float,
     instant: PressureInstant,
-) -> list[Passed]:
+) -> list[EquilibriumBetween]:
     """Return the course of pressure and force between two stamps.
 
     known, pulls: readings of pressure and force; since_ns, chamber (Pa): start; instant: end.
@@ -133,10 +133,10 @@ def path_of(
         whole = instant.stamp_ns - since_ns
         shares = [(stamp_ns - since_ns) / whole for stamp_ns in stamps]
     if not pulls:
-        return [Passed(*one) for one in zip(stamps, shares, strict=True)]
+        return [EquilibriumBetween(*one) for one in zip(stamps, shares, strict=True)]
     first, *force, last = forces_at(pulls, [since_ns, *stamps, instant.stamp_ns])
     return [
-        Passed(stamp_ns, share, pulled - first - share * (last - first))
+        EquilibriumBetween(stamp_ns, share, pulled - first - share * (last - first))
         for stamp_ns, share, pulled in zip(stamps, shares, force, strict=True)
     ]
 

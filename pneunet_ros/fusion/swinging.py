@@ -15,7 +15,12 @@ from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.errors.propagated_errors import PropagatedErrors
 from pneunet_ros.measurement.errors.second_order import second_order_factor
 from pneunet_ros.measurement.moving_arm import is_settled, MotionEstimate, Moved
-from pneunet_ros.measurement.swinging_arm import Passed, Reference, SwingingArm, Swung
+from pneunet_ros.measurement.swinging_arm import (
+    EquilibriumBetween,
+    Reference,
+    SwingDeviation,
+    SwingingArm,
+)
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.modes import modes_of
 from pneunet_ros.solver.swing import Swing
@@ -23,70 +28,74 @@ from pneunet_ros.solver.swing import Swing
 SMALLEST = 1e-30  # m^2, of a tip that is known
 
 
-def swung_on(
+def propagate_swing(
     arm: SwingingArm | None,
     before: Belief,
-    moved: Belief,
+    propagated: Belief,
     bent: BentArm,
-    path: Sequence[Passed] = (),
+    path: Sequence[EquilibriumBetween] = (),
     causes: Array | None = None,
 ) -> tuple[Belief, Moved | None]:
     """Propagate the swing of a belief to its new stamp; return the belief and the motion.
 
-    before: the belief before; moved: the belief at the new stamp, without its swing; bent: its
-    equilibrium; path: see `SwingingArm.go_on`; causes (causes, unknowns): derivatives by the
+    before: the belief before; propagated: the belief at the new stamp, without its swing; bent:
+    its equilibrium; path: see `SwingingArm.advance`; causes (causes, unknowns): derivatives by the
     unknowns, None if the force is known. Without an equilibrium the swing is reset.
     """
     if arm is None:
-        return moved, None
+        return propagated, None
     if not bent.shape.converged:
-        return replace(arm.with_restarted_swing(moved), reference=None), None
+        return replace(arm.with_restarted_swing(propagated), reference=None), None
     known = before, before.reference, before.stamp_ns
     turning = None
     if causes is not None:
         turning = arm.headings(bent.linearize()).T @ causes
-    swung, reference, motion = arm.go_on(
-        known, moved, bent.solution, moved.stamp_ns, path, turning
+    advanced, reference, motion = arm.advance(
+        known, propagated, bent.solution, propagated.stamp_ns, path, turning
     )
     if not np.isfinite(reference.left_out).all():  # no such arm can be followed
-        return replace(arm.with_restarted_swing(moved), reference=None), None
-    return replace(swung, reference=reference), motion
+        return replace(arm.with_restarted_swing(propagated), reference=None), None
+    return replace(advanced, reference=reference), motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SwingingEstimate:
     """A swinging arm at the stations of an estimate.
 
-    belief: at the stamp; bent: the equilibrium; reference: of the swing; swung: deviation from the
-    equilibrium; moved: the motion, None at the stamp of a frame.
+    belief: at the stamp; bent: the equilibrium; reference: of the swing; swing_deviation:
+    deviation from the equilibrium; arm_motion: None at the stamp of a frame.
     """
 
     arm: SwingingArm
     belief: Belief
     bent: BentArm
     reference: Reference
-    swung: Swung
-    moved: Moved | None
+    swing_deviation: SwingDeviation
+    arm_motion: Moved | None
 
     def errors(
-        self, causes: Array, sensitivity: Sensitivity, still: PropagatedErrors
+        self, causes: Array, sensitivity: Sensitivity, equilibrium_errors: PropagatedErrors
     ) -> PropagatedErrors:
-        """Return the errors of the arm; still: of its equilibrium.
+        """Return the errors of the arm; equilibrium_errors: of its equilibrium.
 
         The uncertainty of the loads hardly moves the arm itself. causes (causes, unknowns):
         derivatives by the unknowns.
         """
-        root, swung = self.belief.root, self.swung
+        root, swing_deviation = self.belief.root, self.swing_deviation
         by_cause = sensitivity.stations(self.bent.shape.arclength)[:, :4]
-        by_cause = by_cause + swung.moves(self.arm.headings(sensitivity))
+        by_cause = by_cause + swing_deviation.moves(self.arm.headings(sensitivity))
         moves = np.tensordot((causes @ root).T, by_cause, axes=1)
-        moves += np.tensordot(root[self.arm.part(Motion.PLACE)].T, swung.by_shape, axes=1)
-        further = np.zeros((1 + len(swung.left_out), *moves.shape[1:]))
-        further[0], further[1:, :2] = self.curved(moves[:, :2, -1]), swung.left_out
+        moves += np.tensordot(
+            root[self.arm.part(Motion.PLACE)].T, swing_deviation.by_shape, axes=1
+        )
+        further = np.zeros((1 + len(swing_deviation.left_out), *moves.shape[1:]))
+        further[0], further[1:, :2] = self.curved(moves[:, :2, -1]), swing_deviation.left_out
         moves = np.concatenate([moves, further])
         std = np.sqrt(np.sum(moves**2, axis=0))
         tip = moves[:, :3, -1]
-        return replace(still, tip_covariance=freeze(tip.T @ tip), std=freeze(std[[0, 1, 3]]))
+        return replace(
+            equilibrium_errors, tip_covariance=freeze(tip.T @ tip), std=freeze(std[[0, 1, 3]])
+        )
 
     def curved(self, tips: Array) -> Array:
         """Return the second-order effect of the leading tip error, (4, stations).
@@ -97,52 +106,59 @@ class SwingingEstimate:
         variances, axes = np.linalg.eigh(tips.T @ tips)
         leading = tips @ axes[:, -1] / math.sqrt(max(variances[-1], SMALLEST))
         where, mean = self.arm.part(Motion.PLACE), self.belief.mean
-        moved = np.zeros_like(mean)
-        moved[where] = self.belief.root[where] @ leading
+        displacement = np.zeros_like(mean)
+        displacement[where] = self.belief.root[where] @ leading
         solution, places = self.bent.solution, self.arm.stations
         before, after = (
-            self.arm.swung(solution, mean + sign * moved, self.reference, places).deviation
+            self.arm.swing_deviation(
+                solution, mean + sign * displacement, self.reference, places
+            ).deviation
             for sign in (-1.0, 1.0)
         )
-        return second_order_factor(1.0) * (before + after - 2.0 * self.swung.deviation)
+        return second_order_factor(1.0) * (before + after - 2.0 * self.swing_deviation.deviation)
 
     def motion(self, errors: PropagatedErrors) -> MotionEstimate | None:
         """Return the estimated motion of the arm; errors: propagated errors of its shape."""
-        moved, moving, where = self.moved, self.arm.moving, self.arm.part(Motion.SWING)
-        if moved is None or moving.arm.motion is None:
+        motion, moving, where = self.arm_motion, self.arm.moving, self.arm.part(Motion.SWING)
+        if motion is None or moving.arm.motion is None:
             return None
         covariance = self.belief.covariance_of(where)
-        on = moved.stopped / moving.modes.frequency[0]
+        on = motion.stopped / moving.modes.frequency[0]
         damping_time = moving.arm.motion.damping_time
         return MotionEstimate(
-            velocity=freeze(moved.velocity),
-            settled=is_settled(self.swung.deviation[:2, -1], on, errors.tip_covariance),
+            velocity=freeze(motion.velocity),
+            settled=is_settled(self.swing_deviation.deviation[:2, -1], on, errors.tip_covariance),
             swing=Swing(
                 state=self.belief.mean[where].reshape(2, -1),
                 covariance=covariance,
                 columns=np.zeros((2, len(covariance))),
             ),
-            at_nodes=freeze(moved.at_nodes),
-            at_joints=freeze(moved.at_joints),
+            at_nodes=freeze(motion.at_nodes),
+            at_joints=freeze(motion.at_joints),
             relative=np.zeros(2),
             left_out=0.0,
             modes=functools.partial(
-                modes_of, self.swung.links, moving.masses, damping_time, Motion.SHAPES
+                modes_of, self.swing_deviation.links, moving.masses, damping_time, Motion.SHAPES
             ),
         )
 
 
 def swinging_estimate(
-    arm: SwingingArm | None, belief: Belief, bent: BentArm, moved: Moved | None
+    arm: SwingingArm | None, belief: Belief, bent: BentArm, motion: Moved | None
 ) -> SwingingEstimate | None:
     """Return the estimate of a swinging arm; None if the belief has no swing.
 
-    bent: the equilibrium at the stations; moved: the estimated motion.
+    bent: the equilibrium at the stations; motion: the estimated motion.
     """
     reference = belief.reference
     if arm is None or reference is None or not bent.shape.converged:
         return None
-    swung = arm.swung(bent.solution, belief.mean, reference, arm.stations)
+    swing_deviation = arm.swing_deviation(bent.solution, belief.mean, reference, arm.stations)
     return SwingingEstimate(
-        arm=arm, belief=belief, bent=bent, reference=reference, swung=swung, moved=moved
+        arm=arm,
+        belief=belief,
+        bent=bent,
+        reference=reference,
+        swing_deviation=swing_deviation,
+        arm_motion=motion,
     )

@@ -36,30 +36,30 @@ from pneunet_ros.measurement.moving_arm import (
 from pneunet_ros.model.equilibrium import Sensitivity, solve
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.vibration import LINKS, links_at, vibration
-from pneunet_ros.solver.links import Links, ways
+from pneunet_ros.solver.links import center_derivatives, Links
 from pneunet_ros.solver.solution import SolverNodes
 from pneunet_ros.solver.swing import at_rest, P, Q, Swing
 
-# What is left out of a swing along each of the next shapes: at the tip, of its swing there.
+# Truncation error of a swing in each of the next shapes, as a share of the swing at the tip.
 # Measured: with it steps of 50 kPa and 0.3 N leave chi squared near 1 on three rigs in MuJoCo.
 NEXT, BEYOND = 3, 0.005
-ERRORS = NEXT + 2  # of one frame alone: these, and what faster shapes have answered of a load
+ERRORS = NEXT + 2  # of one frame alone: these, and the response of faster shapes to a load
 # Of a time in which a load walks: places and weights that integrate over it (Gauss, Legendre).
 PLACES = 0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES)
 
 
-class Passed(NamedTuple):
+class EquilibriumBetween(NamedTuple):
     """The equilibrium between two stamps.
 
-    share: fraction of the interval; beyond (2,) N: deviation of the tip force from the
-    interpolation.
+    share: fraction of the interval; force_deviation (2,) N: deviation of the tip
+    force from the interpolation.
     """
 
     stamp_ns: int
     share: float
-    beyond: Array | None = None
+    force_deviation: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,31 +92,31 @@ class Reference:
         """Return the displacement from equilibrium in each mode shape, (shapes,)."""
         return np.asarray(w - self.projection @ (heading - self.heading))
 
-    def seen(self, swung: Swung, unknowns: Array, turning: Array) -> Reference:
-        """Return the motion with the equilibrium estimated from a frame."""
+    def at_estimate(self, swing: SwingDeviation, unknowns: Array, turning: Array) -> Reference:
+        """Return the reference with the equilibrium estimated from a frame."""
         return replace(
             self,
-            links=swung.links,
+            links=swing.links,
             unknowns=unknowns,
             turning=turning,
-            at_tip=swung.at_tip,
+            at_tip=swing.at_tip,
             lost=False,
         )
 
-    def beyond(self, turned: Array) -> Array:
+    def unspanned_part(self, rotation: Array) -> Array:
         """Return the part of the link angles (links,) that the mode shapes do not span."""
-        return np.asarray(turned - (self.projection @ turned) @ self.turns)
+        return np.asarray(rotation - (self.projection @ rotation) @ self.turns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Swung:
+class SwingDeviation:
     """Deviation of an arm from equilibrium at some positions, and its derivatives.
 
     links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). deviation (4, places);
     by_link (links, 4, places): per rotation of each link of the equilibrium, at constant shape
     coordinates; by_shape (shapes, 4, places); moment (places,) N m relative to the equilibrium.
-    at_tip (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. along (2, links +
-    1, links) m: displacement of link centers and tip per rotation of each link; heading (links,)
+    at_tip (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. displacements (2,
+    links + 1, links) m: those of link centers and tip per rotation of each link; heading (links,)
     rad.
     """
 
@@ -127,7 +127,7 @@ class Swung:
     moment: Array
     at_tip: Array
     left_out: Array
-    along: Array
+    displacements: Array
     heading: Array
 
     def shape(self, equilibrium: Shape) -> Shape:
@@ -165,8 +165,8 @@ class SwingingArm:
         """Compute the link centers, and the omitted shapes."""
         middles = self.moving.arm.reach * (np.arange(LINKS) + 0.5) / LINKS
         object.__setattr__(self, 'middles', freeze(middles))
-        still = solve(self.moving.arm, 0.5 * sum(self.moving.arm.pressure_range))
-        modes = vibration(self.moving.arm, still, Motion.SHAPES + NEXT)
+        mid_range = solve(self.moving.arm, 0.5 * sum(self.moving.arm.pressure_range))
+        modes = vibration(self.moving.arm, mid_range, Motion.SHAPES + NEXT)
         assert modes is not None  # `MovingArm` has found the slower ones
         object.__setattr__(self, 'next_shapes', modes.shape[Motion.SHAPES :])
 
@@ -178,66 +178,71 @@ class SwingingArm:
         """Return the rotation of the equilibrium links by each cause, (causes, links) rad."""
         return sensitivity.stations(self.middles)[:, 2]
 
-    def swung(
+    def swing_deviation(
         self, solution: SolverNodes, unknowns: Array, reference: Reference, places: Places
-    ) -> Swung:
+    ) -> SwingDeviation:
         """Return the deviation of an arm from a solved equilibrium."""
         links, moments = links_at(solution), self.moving.modes.moment
         q = reference.place(unknowns[self.part(Motion.PLACE)], links.heading)
         bends = moments * links.compliance
         turns = np.cumsum(bends, axis=1)
-        turned = q @ turns + reference.lag
-        there = links._replace(heading=links.heading + turned)
-        along, still = ways(there), ways(links)
+        rotation = q @ turns + reference.lag
+        bent = links._replace(heading=links.heading + rotation)
+        displacements, equilibrium_displacements = (
+            center_derivatives(bent),
+            center_derivatives(links),
+        )
         change = links.length * np.stack(
-            [np.cos(there.heading) - np.cos(links.heading),
-             np.sin(there.heading) - np.sin(links.heading)]
+            [np.cos(bent.heading) - np.cos(links.heading),
+             np.sin(bent.heading) - np.sin(links.heading)]
         )  # fmt: skip
         far = np.cumsum(change, axis=1)
         nodes = np.zeros((3, LINKS + 1))
         nodes[:2, :-1], nodes[:2, -1] = far - 0.5 * change, far[:, -1]
-        nodes[2, :-1], nodes[2, -1] = turned, turned[-1]
+        nodes[2, :-1], nodes[2, -1] = rotation, rotation[-1]
         at_nodes, at_joints = places.nodes[1:], places.joints
         shapes = np.empty((len(q), 4, at_nodes.shape[1]))
         for shape, turn in enumerate(turns):
-            shapes[shape, :2] = along @ turn @ at_nodes
+            shapes[shape, :2] = displacements @ turn @ at_nodes
             shapes[shape, 2] = np.append(turn, turn[-1]) @ at_nodes
         compliance = links.compliance.copy()
         compliance[0] = compliance[1]  # the first stands for half a link, and for the clamp
-        bent = moments * compliance * LINKS / self.moving.arm.reach
-        shapes[:, 3] = bent @ at_joints[:-1]
+        curvature_by_shape = moments * compliance * LINKS / self.moving.arm.reach
+        shapes[:, 3] = curvature_by_shape @ at_joints[:-1]
         deviation = np.empty((4, at_nodes.shape[1]))
         deviation[:3], deviation[3] = nodes @ at_nodes, q @ shapes[:, 3]
         by_link = -np.tensordot(reference.projection.T, shapes, axes=1)
-        by_link[:, :2] += np.tensordot(along - still, at_nodes, axes=(1, 0)).transpose(1, 0, 2)
-        return Swung(
+        by_link[:, :2] += np.tensordot(
+            displacements - equilibrium_displacements, at_nodes, axes=(1, 0)
+        ).transpose(1, 0, 2)
+        return SwingDeviation(
             links=links,
             deviation=deviation,
             by_link=by_link,
             by_shape=shapes,
             moment=q @ moments @ at_joints[:-1],
-            at_tip=turns @ along[:, -1].T,
-            along=along,
-            heading=there.heading,
-            left_out=(along @ reference.left_out.T).transpose(2, 0, 1) @ at_nodes,
+            at_tip=turns @ displacements[:, -1].T,
+            displacements=displacements,
+            heading=bent.heading,
+            left_out=(displacements @ reference.left_out.T).transpose(2, 0, 1) @ at_nodes,
         )
 
-    def go_on(
+    def advance(
         self,
         before: tuple[Known, Reference | None, int],
-        moved: Known,
+        propagated: Known,
         solution: SolverNodes,
         stamp_ns: int,
-        path: Sequence[Passed] = (),
+        path: Sequence[EquilibriumBetween] = (),
         turning: Array | None = None,
     ) -> tuple[Known, Reference, Moved]:
         """Advance a swinging arm to a stamp with a solved equilibrium.
 
         Args:
             before: the belief, its reference (None if the arm was not seen), and its stamp.
-            moved: the belief with all other unknowns propagated, and with the force if it was
+            propagated: the belief with all other unknowns propagated, and with the force if it was
                 read.
-            solution: the equilibrium at the mean of `moved`; it is the new reference.
+            solution: the equilibrium at the mean of `propagated`; it is the new reference.
             stamp_ns: the new stamp.
             path: between the stamps.
             turning: rotation of the links there per unknown; None: as before, because along a
@@ -246,85 +251,101 @@ class SwingingArm:
         Returns:
             The belief there, its reference, and the motion of the arm.
         """
-        known, old, old_ns = before
+        known, previous, previous_ns = before
         motion, masses, modes = self.moving.arm.motion, self.moving.masses, self.moving.modes
         assert motion is not None
-        state, since = None, None
-        if old is not None:
-            since = old.links._replace(
-                heading=old.links.heading + old.turning @ (known.mean - old.unknowns)
+        state, start_links = None, None
+        if previous is not None:
+            start_links = previous.links._replace(
+                heading=previous.links.heading
+                + previous.turning @ (known.mean - previous.unknowns)
             )
-            state = self.state_of(moved, old, since, old_ns)
-            ahead = links_at(solution) if path else since
+            state = self.state_of(propagated, previous, start_links, previous_ns)
+            end_links = links_at(solution) if path else start_links
             for passed in path:
-                there = between(since, ahead, passed.share)
-                if passed.beyond is not None:
-                    turned = old.turning[:, self.tip] @ passed.beyond
-                    there = there._replace(heading=there.heading + turned)
+                links_there = between(start_links, end_links, passed.share)
+                if passed.force_deviation is not None:
+                    rotation = previous.turning[:, self.tip] @ passed.force_deviation
+                    links_there = links_there._replace(heading=links_there.heading + rotation)
                 state = go_between(
-                    state, passed.stamp_ns, there, masses, motion.damping_time, modes
+                    state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
                 )
         following, moving = follow_reading(
             state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes
         )
         links = following.links
-        rates, onto = rates_about(links, masses, motion.damping_time, modes.moment)
+        rates, projection = rates_about(links, masses, motion.damping_time, modes.moment)
         reference = Reference(
             heading=links.heading,
-            projection=onto,
+            projection=projection,
             turns=np.cumsum(modes.moment * links.compliance, axis=1),
             links=links,
             turned=following.turned,
-            unknowns=moved.mean,
-            turning=np.zeros((LINKS, moved.mean.size)),
+            unknowns=propagated.mean,
+            turning=np.zeros((LINKS, propagated.mean.size)),
             at_tip=np.zeros((Motion.SHAPES, 2)),
             lag=np.zeros(LINKS),
             left_out=freeze(self.left_out(moving, np.zeros((2, LINKS)))),
             pull=np.zeros((2 * Motion.SHAPES, Motion.SHAPES)),
         )
-        if old is None or since is None:
-            return moved, reference, moving
+        if previous is None or start_links is None:
+            return propagated, reference, moving
         if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
-            return self.with_restarted_swing(moved), replace(reference, lost=True), moving
-        seconds = seconds_between(old_ns, stamp_ns)
-        early, on = responses_to(rates, seconds)
-        pull = (np.eye(len(on)) - on)[:, Q_ROWS] @ np.linalg.inv(-rates[P_ROWS, Q_ROWS])
-        pulled = old.projection @ old.turning
-        pulled[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], old.at_tip)
+            return self.with_restarted_swing(propagated), replace(reference, lost=True), moving
+        seconds = seconds_between(previous_ns, stamp_ns)
+        partial_transitions, transition = responses_to(rates, seconds)
+        pull = (np.eye(len(transition)) - transition)[:, Q_ROWS] @ np.linalg.inv(
+            -rates[P_ROWS, Q_ROWS]
+        )
+        projected_turning = previous.projection @ previous.turning
+        projected_turning[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], previous.at_tip)
         if turning is not None:
-            pulled = 0.5 * (pulled + onto @ turning)
-        swung = self.swung_on(moved, pulled, following.swing, on)
-        walked = root_of(moved.root[self.tip, known.root.shape[1] :])
-        loads = old.turning if turning is None else 0.5 * (old.turning + turning)
-        beyond = np.stack([reference.beyond(load) for load in loads[:, self.tip].T])
-        unanswered = self.unanswered(seconds) * walked.T @ beyond
-        late = old.lag - old.beyond(since.heading - old.links.heading)
-        lag = self.lag_of(late, reference.beyond(links.heading - since.heading), seconds)
-        root = self.with_noise(swung.root, following.swing, moving)
-        root = self.with_walk(root, (on - early)[:, :, Q_ROWS] @ pulled[:, self.tip] @ walked)
-        swung = replace(swung, root=freeze(root))
+            projected_turning = 0.5 * (projected_turning + projection @ turning)
+        belief = self.with_propagated_swing(
+            propagated, projected_turning, following.swing, transition
+        )
+        force_walk = root_of(propagated.root[self.tip, known.root.shape[1] :])
+        loads = previous.turning if turning is None else 0.5 * (previous.turning + turning)
+        unspanned = np.stack([reference.unspanned_part(load) for load in loads[:, self.tip].T])
+        response_error = self.response_std(seconds) * force_walk.T @ unspanned
+        start_lag = previous.lag - previous.unspanned_part(
+            start_links.heading - previous.links.heading
+        )
+        lag = self.lag_of(
+            start_lag, reference.unspanned_part(links.heading - start_links.heading), seconds
+        )
+        root = self.with_noise(belief.root, following.swing, moving)
+        root = self.with_force_walk(
+            root,
+            (transition - partial_transitions)[:, :, Q_ROWS]
+            @ projected_turning[:, self.tip]
+            @ force_walk,
+        )
+        belief = replace(belief, root=freeze(root))
         reference = replace(
             reference,
-            unknowns=swung.mean,
+            unknowns=belief.mean,
             lag=freeze(lag),
             pull=pull,
-            left_out=freeze(self.left_out(moving, unanswered)),
+            left_out=freeze(self.left_out(moving, response_error)),
         )
-        return swung, reference, moving
+        return belief, reference, moving
 
-    def pushed(self, swung: Swung, turns: Array, at: Array) -> Array:
+    def force_on_shapes(self, swing: SwingDeviation, turns: Array, places: Array) -> Array:
         """Return the generalized force of 1 N along the normal, (shapes, places) N m.
 
-        turns (shapes, links): of each shape; at (places,) m.
+        turns (shapes, links): of each shape; places (places,) m.
         """
-        heading = np.interp(at, self.middles, swung.heading)
+        heading = np.interp(places, self.middles, swing.heading)
         normal = np.stack([-np.sin(heading), np.cos(heading)])
         nodes = np.concatenate([[0.0], self.middles, [self.moving.arm.reach]])
-        ways = np.einsum('dki,si->sdk', swung.along, turns)
-        found = np.zeros((len(turns), at.size))
-        for shape, way in enumerate(ways):
+        displacements = np.einsum('dki,si->sdk', swing.displacements, turns)
+        found = np.zeros((len(turns), places.size))
+        for shape, displacement in enumerate(displacements):
             for axis in range(2):
-                found[shape] += normal[axis] * np.interp(at, nodes, np.append(0.0, way[axis]))
+                found[shape] += normal[axis] * np.interp(
+                    places, nodes, np.append(0.0, displacement[axis])
+                )
         return found
 
     def state_of(self, known: Known, old: Reference, links: Links, stamp_ns: int) -> MovingState:
@@ -338,36 +359,43 @@ class SwingingArm:
         """Return the belief with the swing reset to an uninformed prior."""
         return forget(known, self.part(Motion.SWING), self.start)
 
-    def swung_on(self, moved: Known, pulled: Array, swing: Swing, on: Array) -> Known:
+    def with_propagated_swing(
+        self, known: Known, projected_turning: Array, swing: Swing, transition: Array
+    ) -> Known:
         """Return the belief with the swing propagated; swing: of the mean, with its columns.
 
         With z = (w, p), an error S theta of the equilibrium acts as a force: z becomes A z + (1 -
-        A) (S theta, 0); on (4, 4): A. pulled (shapes, unknowns): S theta of each unknown; the tip
+        A) (S theta, 0); transition (4, 4): A.
+        projected_turning (shapes, unknowns): S theta of each unknown; the tip
         force acts at the actual tip.
         """
         where, relative = self.part(Motion.SWING), self.part(Motion.RELATIVE)
-        mean, root = moved.mean.copy(), moved.root.copy()
-        acting = pulled @ root  # all the time: half of it would let the force swing to and fro
-        root[where] = on @ root[where] + (np.eye(len(on)) - on)[:, Q_ROWS] @ acting
+        mean, root = known.mean.copy(), known.root.copy()
+        acting = (
+            projected_turning @ root
+        )  # all the time: for half of it, the force would oscillate
+        root[where] = (
+            transition @ root[where] + (np.eye(len(transition)) - transition)[:, Q_ROWS] @ acting
+        )
         root[where] += swing.columns.T @ root[relative]
         mean[where] = swing.state.ravel() + mean[relative] @ swing.columns
-        return replace(moved, mean=freeze(mean), root=root)
+        return replace(known, mean=freeze(mean), root=root)
 
     def swing_of(self, there: Moved) -> float:
         """Return the current and remaining amplitude (m) of the tip."""
         tip = there.at_nodes[:2, -1]
         return math.hypot(*tip.tolist(), *(there.stopped / self.moving.modes.frequency[0]))
 
-    def left_out(self, there: Moved, unanswered: Array) -> Array:
+    def left_out(self, there: Moved, response_error: Array) -> Array:
         """Return one sigma of the omitted rotations (ERRORS, links) rad.
 
-        unanswered (2, links) rad: one sigma of the response of faster shapes to the load.
+        response_error (2, links) rad: one sigma of the response of faster shapes to the load.
         """
         tips = np.abs(self.next_shapes.sum(axis=1)) * self.moving.arm.reach / LINKS
-        swung = BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None]
-        return np.concatenate([swung, unanswered])
+        by_shape = BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None]
+        return np.concatenate([by_shape, response_error])
 
-    def answered(self, seconds: float) -> float:
+    def response_share(self, seconds: float) -> float:
         """Return the share of the response of faster shapes to a load that has walked for a time.
 
         Faster shapes are overdamped and creep to their equilibrium with the damping time: a
@@ -380,8 +408,8 @@ class SwingingArm:
             return float(seconds > 0.0)
         return 1.0 + time / seconds * math.expm1(-seconds / time)
 
-    def unanswered(self, seconds: float) -> float:
-        """Return one sigma of `answered`, from the unknown time at which the load walked.
+    def response_std(self, seconds: float) -> float:
+        """Return one sigma of `response_share`, from the unknown time at which the load walked.
 
         A load step at a time u ago leaves exp(-u / time) of its response open; this is the spread
         over all u.
@@ -391,32 +419,34 @@ class SwingingArm:
         time = motion.damping_time
         if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
             return 0.0
-        left = 1.0 - self.answered(seconds)
-        squared = -0.5 * time / seconds * math.expm1(-2.0 * seconds / time)
-        return math.sqrt(max(squared - left**2, 0.0))
+        mean_open = 1.0 - self.response_share(seconds)
+        mean_square = -0.5 * time / seconds * math.expm1(-2.0 * seconds / time)
+        return math.sqrt(max(mean_square - mean_open**2, 0.0))
 
-    def with_walk(self, root: Array, late: Array) -> Array:
+    def with_force_walk(self, root: Array, reductions: Array) -> Array:
         """Return a root including the error of a swing, from the unknown walk of the tip force.
 
-        late (places, 4, 2): reduction of the motion of coordinates and momenta, per sigma of the
-        walk, if it happened at PLACES of the interval instead of at its beginning.
+        reductions (places, 4, 2): reduction of the motion of coordinates and momenta, per sigma of
+        the walk, if it happened at PLACES of the interval instead of at its beginning.
         """
-        more = np.zeros((len(root), late.shape[0] * late.shape[2]))
-        by_column = np.sqrt(WEIGHTS)[:, None, None] * late
-        more[self.part(Motion.SWING)] = by_column.transpose(1, 0, 2).reshape(late.shape[1], -1)
+        more = np.zeros((len(root), reductions.shape[0] * reductions.shape[2]))
+        by_column = np.sqrt(WEIGHTS)[:, None, None] * reductions
+        more[self.part(Motion.SWING)] = by_column.transpose(1, 0, 2).reshape(
+            reductions.shape[1], -1
+        )
         return np.hstack([root, more])
 
-    def lag_of(self, before: Array, beyond: Array, seconds: float) -> Array:
+    def lag_of(self, before: Array, rotation: Array, seconds: float) -> Array:
         """Return the lag (links,) rad of the faster modes behind the equilibrium.
 
-        before: lag at the beginning; beyond (links,) rad: rotation since then, in these shapes.
+        before: lag at the beginning; rotation (links,) rad: that since then, in these shapes.
         """
         motion = self.moving.arm.motion
         assert motion is not None
         if not motion.damping_time > 0.0:
             return np.zeros_like(before)
-        left = math.exp(-seconds / motion.damping_time)
-        return left * before - (1.0 - self.answered(seconds)) * beyond
+        decay = math.exp(-seconds / motion.damping_time)
+        return decay * before - (1.0 - self.response_share(seconds)) * rotation
 
     def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
         """Return a root including the unknown path between two stamps.
@@ -426,10 +456,10 @@ class SwingingArm:
         values, vectors = np.linalg.eigh(swing.covariance)
         kicks = vectors * np.sqrt(np.maximum(values, 0.0))
         tip = there.at_nodes[:, -1]
-        far = self.swing_of(there)
+        amplitude = self.swing_of(there)
         tips = np.hypot(*tip[3:].reshape(Motion.SHAPES, 3)[:, :2].T)
         left_out = np.zeros((len(kicks), Motion.SHAPES))
-        left_out[: Motion.SHAPES] = np.diag(LEFT_OUT * far / tips)
+        left_out[: Motion.SHAPES] = np.diag(LEFT_OUT * amplitude / tips)
         more = np.zeros((len(root), kicks.shape[1] + Motion.SHAPES))
         more[self.part(Motion.SWING)] = np.hstack([kicks, left_out])
         return np.hstack([root, more])

@@ -106,7 +106,7 @@ def bending_compliance(panels: Array, nodes: Array, p: int) -> float:
     return compliance
 
 
-def ways(links: Links) -> Array:
+def center_derivatives(links: Links) -> Array:
     """Return derivatives of link centers and tip by the link angles, (2, n + 1, n) m."""
     count = links.heading.size
     beyond = np.tril(np.ones((count + 1, count)), -1)
@@ -117,7 +117,7 @@ def ways(links: Links) -> Array:
 
 def mass_matrix(links: Links, masses: Masses) -> Array:
     """Return the inertia matrix (n, n) kg m^2 of the chain for rotations of its links."""
-    way = ways(links)
+    way = center_derivatives(links)
     inertia = np.append(masses.mass, masses.tip)
     matrix = np.einsum('dki,k,dkj->ij', way, inertia, way)
     matrix[np.diag_indices_from(matrix)] += masses.mass * links.length**2 / 12.0

@@ -17,7 +17,7 @@ from pneunet_ros.measurement.swinging_arm import ERRORS, Reference
 from pneunet_ros.model.equilibrium import linearize_shape
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.vibration import LINKS, links_at
-from pneunet_ros.solver.links import ways
+from pneunet_ros.solver.links import center_derivatives
 from pneunet_ros.solver.swing import at_rest, Q
 import pytest
 
@@ -61,28 +61,28 @@ def there(force, place):
     reference = reference_at(solve(arm, PRESSURE, FORCE).solution, unknowns)
     unknowns[chain.part(Block.PLACE)] = place
     shape = solve(arm, PRESSURE, force)
-    swung = chain.swung(shape.solution, unknowns, reference, chain.targets)
+    swing_deviation = chain.swing_deviation(shape.solution, unknowns, reference, chain.targets)
     x, y, theta = (
         np.interp(arm.target_arclength, shape.arclength, row)
         for row in (shape.x, shape.y, shape.theta)
     )
-    return np.stack([x, y, theta]) + swung.deviation[:3], swung, shape
+    return np.stack([x, y, theta]) + swing_deviation.deviation[:3], swing_deviation, shape
 
 
 @pytest.mark.parametrize('place', [(0.0, 0.0), (2e-3, 5e-5)])
 def test_what_moves_the_targets_is_its_jacobian(place):
     chain, arm = swinging()
-    _, swung, shape = there(FORCE, np.array(place))
+    _, swing_deviation, shape = there(FORCE, np.array(place))
     for which, step in ((0, 1e-6), (1, 1e-7)):
         side = step * np.eye(2)[which]
         after, before = (there(FORCE, np.array(place) + sign * side)[0] for sign in (1, -1))
         numeric = (after - before)[:2] / (2.0 * step)
         scale = np.abs(numeric).max()
-        assert np.abs(swung.by_shape[which, :2] - numeric).max() < 2e-3 * scale
+        assert np.abs(swing_deviation.by_shape[which, :2] - numeric).max() < 2e-3 * scale
     rods = arm.rods(np.array([PRESSURE]))
     sensitivity = linearize_shape(shape.solution, rods)
     moves = sensitivity.stations(arm.target_arclength)[:2, :2]
-    moves = moves + swung.moves(chain.headings(sensitivity))[:2, :2]
+    moves = moves + swing_deviation.moves(chain.headings(sensitivity))[:2, :2]
     for axis in range(2):
         force = [np.array(FORCE) + sign * 2e-3 * np.eye(2)[axis] for sign in (1, -1)]
         numeric = (there(tuple(force[0]), np.array(place))[0]
@@ -102,7 +102,7 @@ def test_a_wrong_force_pulls_the_arm_as_the_chain_is_pulled(swing):
     far = links._replace(heading=links.heading + np.array([swing, 0.0]) @ turns)
     from scipy.linalg import expm
 
-    pulled = np.linalg.solve(-rates[2:, :2], turns @ ways(far)[:, -1].T)
+    pulled = np.linalg.solve(-rates[2:, :2], turns @ center_derivatives(far)[:, -1].T)
     told = (np.eye(4) - expm(rates * seconds))[:, :2] @ pulled
 
     def ends(force):
@@ -123,8 +123,8 @@ def test_a_wrong_force_pulls_the_arm_as_the_chain_is_pulled(swing):
 
 def test_faster_shapes_answer_a_ramp_late():
     chain, _ = swinging()
-    assert chain.answered(1e-9) < 1e-6
-    assert chain.answered(1e3) > 0.9999
+    assert chain.response_share(1e-9) < 1e-6
+    assert chain.response_share(1e3) > 0.9999
     ramp = np.ones(LINKS)
     slow = chain.lag_of(np.zeros(LINKS), ramp, 30.0)
     assert slow == pytest.approx(-DAMPING_TIME / 30.0 * ramp, rel=1e-6)
@@ -137,8 +137,8 @@ def test_when_a_load_walked_is_unknown_and_so_is_what_faster_shapes_answered(sec
     chain, _ = swinging()
     middles = (np.arange(100_000) + 0.5) / 100_000
     answers = 1.0 - np.exp(-seconds * middles / DAMPING_TIME)
-    assert chain.answered(seconds) == pytest.approx(answers.mean(), rel=1e-4)
-    assert chain.unanswered(seconds) == pytest.approx(answers.std(), rel=1e-3)
+    assert chain.response_share(seconds) == pytest.approx(answers.mean(), rel=1e-4)
+    assert chain.response_std(seconds) == pytest.approx(answers.std(), rel=1e-3)
 
 
 def test_between_two_stamps_pressure_and_force_go_as_they_are_read():
@@ -151,7 +151,7 @@ def test_between_two_stamps_pressure_and_force_go_as_they_are_read():
     assert [(one.stamp_ns, one.share) for one in alone] == [(1, 0.2), (2, 0.4), (4, 0.8)]
     path = path_of(known, pulls, 0, 0.0, pressed(5, 5e4))
     assert [one.share for one in path] == [one.share for one in alone]
-    beyond = np.array([one.beyond for one in path])
+    beyond = np.array([one.force_deviation for one in path])
     assert beyond == pytest.approx(np.array([[0.0, -0.06], [0.0, -0.12], [0.0, -0.04]]))
 
 
@@ -161,7 +161,7 @@ def test_a_force_that_is_read_goes_its_way_where_the_pressure_is_there_again():
     pull = WrenchReading(stamp_ns=0, force_x=0.02, force_y=0.0, moment=0.0, frame_id='')
     path = path_of(still, (pull,), 0, 2e4, pressed(4, 2e4))
     assert [one.share for one in path] == [0.25, 0.5]
-    assert not np.array([one.beyond for one in path]).any()
+    assert not np.array([one.force_deviation for one in path]).any()
 
 
 def pressed(stamp_ns: int, chamber: float) -> PressureInstant:

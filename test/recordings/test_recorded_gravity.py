@@ -95,7 +95,9 @@ def test_the_lab_records_what_an_accelerometer_on_its_base_reads(tmp_path):
     shown = (run.stamp_ns - recording.imu_stamp_ns[0]) * 1e-9
     assert run.gravity == pytest.approx(TURN.apparent_gravity(shown, 4.0)[:, :2] / G, abs=2e-4)
     later = run.at_instants(0.1)
-    assert later.gravity == pytest.approx(TURN.apparent_gravity(shown - 0.1, 4.0)[:, :2] / G, abs=1e-2)
+    assert later.gravity == pytest.approx(
+        TURN.apparent_gravity(shown - 0.1, 4.0)[:, :2] / G, abs=1e-2
+    )
     assert len(run.thin(5).gravity) == 5
 
 
