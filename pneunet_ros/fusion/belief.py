@@ -105,21 +105,23 @@ def move_belief(
     belief: Belief,
     stamp_ns: int,
     size: float,
-    pressed: float = 0.0,
+    pressure_change: float = 0.0,
     *,
     walk: float | None = None,
     noise: tuple[float, float] | None = None,
 ) -> Belief:
     """Propagate the belief to another stamp, forward or backward.
 
-    size: of the model error; pressed (Pa): change of the pressure since; walk (N/sqrt(s)): of the
+    size: of the model error; pressure_change (Pa): since then; walk (N/sqrt(s)): of the
     forces from now on, None: as recently; noise (N m, Pa): one sigma of the new readings of moment
     and pressure, None if they are the previous ones.
     """
     seconds = seconds_between(belief.stamp_ns, stamp_ns)
     steady = belief.walk.steadiness(seconds) if walk is None else 1.0
     recent = belief.walk.recent if walk is None else walk
-    passage = Passage(seconds=seconds, pressed=pressed, size=size, walk=recent, steady=steady)
+    passage = Passage(
+        seconds=seconds, pressure_change=pressure_change, size=size, walk=recent, steady=steady
+    )
     mean, root = unknowns.move(belief, passage, noise)
     return Belief(
         stamp_ns=stamp_ns,

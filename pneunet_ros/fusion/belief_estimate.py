@@ -169,12 +169,12 @@ def arm_at(
     causes = model.unknowns.causes_at(inputs)
     start = start or belief.solution
     if belief.stamp_ns != stamp_ns or not belief.frames:
-        pressed = abs(instant.chamber - belief.chamber)
-        pressed = pressed if math.isfinite(pressed) else 0.0
+        pressure_change = abs(instant.chamber - belief.chamber)
+        pressure_change = pressure_change if math.isfinite(pressure_change) else 0.0
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
         walk = None if model.swinging is None else belief.walk.largest
-        belief = model.move(belief, stamp_ns, pressed, noise, model.size_of(belief), walk)
+        belief = model.move(belief, stamp_ns, pressure_change, noise, model.size_of(belief), walk)
         unseen = belief.root[:, columns:].copy()
         unseen[model.unknowns.white] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
@@ -322,11 +322,11 @@ def shape_estimate(
     else:
         seen = seen_shape(model, causes @ arm.unseen, sensitivity)
         errors = propagate_errors(sensitivity, noise, model.arclength, seen)
-    largest, held = math.inf, mode is not Mode.PREDICTION
-    if errors is not None and not held:
+    largest, within_limit = math.inf, mode is not Mode.PREDICTION
+    if errors is not None and not within_limit:
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
-        held = largest <= model.settings.largest_tip_std
-    if errors is None or not held:
+        within_limit = largest <= model.settings.largest_tip_std
+    if errors is None or not within_limit:
         known = f'{1e3 * largest:.3g} mm'
         if largest > model.arm.length:
             known = 'more than the length of the arm'

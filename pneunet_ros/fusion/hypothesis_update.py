@@ -173,13 +173,13 @@ def problem_of(
     frame = model.used(frame, belief.causes)
     instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
     inputs = model.inputs_at(instant, frame.wrench)
-    pressed = abs(instant.chamber - belief.chamber)
-    pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
+    pressure_change = abs(instant.chamber - belief.chamber)
+    pressure_change = 0.0 if frame.alone or not math.isfinite(pressure_change) else pressure_change
     unknowns, size = model.unknowns, model.size_of(belief)
     prior = model.move(
         belief,
         frame.stamp_ns,
-        pressed,
+        pressure_change,
         noise=(inputs.moment_std, inputs.chamber_std),
         size=size,
         walk=unknowns.block(TipForce).free_walk
@@ -197,7 +197,9 @@ def problem_of(
         std = np.array([pressure.unread * pressure.range])
         prior = widen(prior, unknowns.at(PressureError), std)
     else:
-        growth = ErrorGrowth(size=size, grown=unknowns.growth(seconds, pressed), seconds=seconds)
+        growth = ErrorGrowth(
+            size=size, grown=unknowns.growth(seconds, pressure_change), seconds=seconds
+        )
         if belief.unpressed:
             prior = model.without(prior, unknowns.at(PressureError))
     if frame.wrench is not None and model.swinging is None:

@@ -205,8 +205,8 @@ class PreparedModel:
             by_column = self.by_columns(reading)[:, :2]
         seen = WrenchSeen(force=belief.mean[tip], by_column=by_column)
         response = self.unknowns.wrench_response(seen)
-        walked = belief.walk.recent * math.sqrt(abs(wrench.age))
-        std = math.hypot(wrench.std, walked, EXACT * self.force_scale)
+        force_walk = belief.walk.recent * math.sqrt(abs(wrench.age))
+        std = math.hypot(wrench.std, force_walk, EXACT * self.force_scale)
         most = FAR * self.force_scale
         value = np.clip([true.force_x, true.force_y], -most, most)
         innovation = value - response @ belief.mean
@@ -220,21 +220,23 @@ class PreparedModel:
         self,
         belief: Belief,
         stamp_ns: int,
-        pressed: float,
+        pressure_change: float,
         noise: tuple[float, float],
         size: float,
         walk: float | None = None,
     ) -> Belief:
         """Return the belief at a later stamp; a contact may have moved.
 
-        pressed (Pa): change of the pressure since; noise, size, walk: as in `move_belief`.
+        pressure_change (Pa): since then; noise, size, walk: as in `move_belief`.
         """
-        moved = move_belief(self.unknowns, belief, stamp_ns, size, pressed, noise=noise, walk=walk)
+        moved = move_belief(
+            self.unknowns, belief, stamp_ns, size, pressure_change, noise=noise, walk=walk
+        )
         if not belief.touched:
             return moved
         seconds = seconds_between(belief.stamp_ns, stamp_ns)
-        walked = self.unknowns.block(Push).walked(moved.walk.recent, seconds)
-        return widen(moved, self.unknowns.at(Push), walked)
+        walks = self.unknowns.block(Push).random_walks(moved.walk.recent, seconds)
+        return widen(moved, self.unknowns.at(Push), walks)
 
     def force_covariance(self, belief: Belief) -> Array:
         """Return the covariance (2, 2) N^2 of the tip force."""
@@ -287,7 +289,7 @@ class PreparedModel:
         """Return the estimated contact as a load on the arm; None if the belief has none."""
         if not belief.touched:
             return None
-        return self.unknowns.block(Push).held(belief.mean[self.unknowns.at(Push)])
+        return self.unknowns.block(Push).limited_load(belief.mean[self.unknowns.at(Push)])
 
     @property
     def stiffness_unknown(self) -> bool:

@@ -25,7 +25,7 @@ import scipy
 PATH_NODES = 9  # of the camera path in one recording, linear in between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
-OF_RUN = 2 * PATH_NODES + LOADS  # unknowns of one recording
+RUN_UNKNOWNS = 2 * PATH_NODES + LOADS  # unknowns of one recording
 FEWEST_OF_ROW = 3  # targets beyond the clamp: two cannot separate spacing from scale
 SMALLEST_STD = 1e-7  # m, N and N m, in place of zero
 
@@ -48,17 +48,17 @@ class Disturbances:
 
     def __post_init__(self) -> None:
         """Assemble the prior."""
-        size = 2 * self.targets + OF_RUN * len(self.runs)
+        size = 2 * self.targets + RUN_UNKNOWNS * len(self.runs)
         prior = np.zeros((size, size))
         prior[: 2 * self.targets, : 2 * self.targets] = placement_prior(self.noise, self.arclength)
-        for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
-            unknowns = slice(start, start + OF_RUN)
+        for start, run in zip(range(2 * self.targets, size, RUN_UNKNOWNS), self.runs, strict=True):
+            unknowns = slice(start, start + RUN_UNKNOWNS)
             prior[unknowns, unknowns] = self.prior_of_run(run)
         origin = np.zeros(size)
         offset = origin_std(self.noise, self.arclength) * np.array(
             [-np.sin(self.clamp_angle), np.cos(self.clamp_angle)]
         )
-        for start in range(2 * self.targets, size, OF_RUN):
+        for start in range(2 * self.targets, size, RUN_UNKNOWNS):
             origin[start : start + 2 * PATH_NODES] = np.repeat(offset, PATH_NODES)
         prior += np.outer(origin, origin)
         object.__setattr__(self, 'prior', frozen_array(prior))
@@ -68,7 +68,7 @@ class Disturbances:
 
         It is the common part of the images of all runs; smaller with fewer runs.
         """
-        paths = disturbance[2 * self.targets :].reshape(len(self.runs), OF_RUN)
+        paths = disturbance[2 * self.targets :].reshape(len(self.runs), RUN_UNKNOWNS)
         mean_shift = (
             paths[:, : 2 * PATH_NODES].reshape(len(self.runs), 2, PATH_NODES).mean(axis=(0, 2))
         )
@@ -78,14 +78,14 @@ class Disturbances:
         return np.asarray(common / (common + separate) * float(mean_shift @ normal) * normal)
 
     def prior_of_run(self, run: RecordingData) -> Array:
-        """Return the prior covariance (OF_RUN, OF_RUN) of the unknowns of one run."""
+        """Return the prior covariance (RUN_UNKNOWNS, RUN_UNKNOWNS) of the unknowns of one run."""
         load, path = known_load_std(self.noise, run), path_prior(self.noise)
         return np.asarray(
             scipy.linalg.block_diag(path, path, np.diag(np.maximum(load, SMALLEST_STD) ** 2))
         )
 
     def root_of_run(self, which: int) -> Array:
-        """Return the lower square root (OF_RUN, OF_RUN) of the prior with the common origin.
+        """Return the lower root (RUN_UNKNOWNS, RUN_UNKNOWNS) of the prior with the common origin.
 
         If an effect is missing, the origin found without it is wrong as well.
         """
@@ -99,8 +99,8 @@ class Disturbances:
 
     def of_run(self, which: int) -> Array:
         """Return the indices of the unknowns of a run, (n,) int."""
-        start = 2 * self.targets + OF_RUN * which
-        unknowns = np.arange(start, start + OF_RUN)
+        start = 2 * self.targets + RUN_UNKNOWNS * which
+        unknowns = np.arange(start, start + RUN_UNKNOWNS)
         return np.concatenate([np.arange(2 * self.targets), unknowns])
 
 
@@ -174,7 +174,7 @@ def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTarget
 
 def camera_path(run: RecordingData, disturbance: Array) -> Array:
     """Return the image shift by the camera in every frame, (frames, 2, 1) m."""
-    path = disturbance[-OF_RUN:-LOADS].reshape(2, PATH_NODES)
+    path = disturbance[-RUN_UNKNOWNS:-LOADS].reshape(2, PATH_NODES)
     return np.asarray((path_weights(run.progress) @ path.T)[:, :, None])
 
 
@@ -185,7 +185,7 @@ def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
     """
     placement = targets.jacobian()
     start = placement.shape[-1]
-    jacobian = np.zeros((*placement.shape[:-1], start + OF_RUN))
+    jacobian = np.zeros((*placement.shape[:-1], start + RUN_UNKNOWNS))
     jacobian[..., :start] = placement
     hats, middle = path_weights(run.progress), start + PATH_NODES
     jacobian[:, 0, :, start:middle] = hats[:, None]

@@ -63,16 +63,16 @@ class Bounds:
         for the rest.
         """
         best, best_gain = step, gain
-        held = np.zeros(len(self.rows), dtype=bool)
+        at_bound = np.zeros(len(self.rows), dtype=bool)
         while True:
             change = self.rows @ best
-            beyond = ~held & ((change < self.low - NO_STEP) | (change > self.high + NO_STEP))
+            beyond = ~at_bound & ((change < self.low - NO_STEP) | (change > self.high + NO_STEP))
             if not beyond.any():
                 return best, best_gain
-            held |= beyond
-            rows = self.rows[held]
+            at_bound |= beyond
+            rows = self.rows[at_bound]
             free = rows @ step
-            excess = free - np.clip(free, self.low[held], self.high[held])
+            excess = free - np.clip(free, self.low[at_bound], self.high[at_bound])
             response = solved(rows.T)
             forces = np.linalg.lstsq(rows @ response, excess)[0]
             best, best_gain = step - response @ forces, gain - 0.5 * float(forces @ excess)

@@ -99,7 +99,7 @@ def test_what_the_model_lacks_moves_with_time_and_with_the_pressure():
     known = replace(believed(), root=np.zeros((UNKNOWNS.std.size, 2)))
     rested = move_belief(UNKNOWNS, known, SECOND, SIZE)
     assert rested.std(BIAS) == 0.0
-    pushed = move_belief(UNKNOWNS, known, SECOND, SIZE, pressed=0.1 * LACK.range)
+    pushed = move_belief(UNKNOWNS, known, SECOND, SIZE, pressure_change=0.1 * LACK.range)
     assert pushed.std(BIAS) == pytest.approx(0.1 * SIZE * LACK.range)
     assert pushed.std(UNKNOWNS.sized[1]) == pytest.approx(0.1 * SIZE)
     late = move_belief(UNKNOWNS, known, 10**5 * SECOND, SIZE)

@@ -64,7 +64,7 @@ def test_a_new_block_moves_in_time_by_its_prior():
     unknowns = with_slide()
     prior = unknowns.prior(0.01)
     known = replace(prior, mean=np.ones(unknowns.std.size), root=0.0 * prior.root)
-    passage = Passage(seconds=3.0, pressed=0.0, size=0.01, walk=0.1, steady=1.0)
+    passage = Passage(seconds=3.0, pressure_change=0.0, size=0.01, walk=0.1, steady=1.0)
     mean, root = unknowns.move(known, passage)
     which = unknowns.at(SlidingDot).start
     assert mean[which] == pytest.approx(np.exp(-1.0))

@@ -73,13 +73,13 @@ class WrenchSeen:
 class Passage:
     """The interval between two stamps.
 
-    seconds: duration; pressed (Pa): change of the pressure; size: of the model error, relative to
+    seconds: duration; pressure_change (Pa); size: of the model error, relative to
     the effect of the pressure range; walk (N/sqrt(s)): of the tip force; steady: factor by which
     its variance grows faster than that of a random walk.
     """
 
     seconds: float
-    pressed: float
+    pressure_change: float
     size: float
     walk: float
     steady: float
@@ -147,7 +147,7 @@ class Block(abc.ABC):
         """Unknowns that scale with the size of the model error; their std is for a size of 1."""
         return ()
 
-    def growth(self, seconds: float, pressed: float) -> list[float]:
+    def growth(self, seconds: float, pressure_change: float) -> list[float]:
         """Return the process noise (one sigma), relative to std, for a model error of size 1."""
         return []
 
@@ -196,8 +196,8 @@ class SizedBlock(Block):
     range: float
     correlation_time: float = tuning(20.0, 'correlation time of the model error', unit='s')
 
-    def growth(self, seconds: float, pressed: float) -> list[float]:
+    def growth(self, seconds: float, pressure_change: float) -> list[float]:
         """Return one sigma of the process noise of the sized unknowns, for a size of 1."""
         time = self.correlation_time
         by_time = math.sqrt(-math.expm1(-2.0 * seconds / time))
-        return [math.hypot(by_time, pressed / self.range)] * len(self.sized)
+        return [math.hypot(by_time, pressure_change / self.range)] * len(self.sized)

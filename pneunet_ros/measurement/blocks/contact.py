@@ -51,7 +51,7 @@ class Push(Block):
         low, high = self.places
         return low * self.length, high * self.length
 
-    def walked(self, walk: float, seconds: float) -> Array:
+    def random_walks(self, walk: float, seconds: float) -> Array:
         """Return the random walks (2,) for a walk (N/sqrt(s)) of the force."""
         force_walk = min(walk, self.largest_walk * self.scale)
         walks = np.array([force_walk, self.place_walk * self.length])
@@ -65,7 +65,7 @@ class Push(Block):
             return None
         return PartLoad(force=force, place=position, width=self.width * self.length)
 
-    def held(self, unknowns: Array) -> PartLoad:
+    def limited_load(self, unknowns: Array) -> PartLoad:
         """Return the push of these unknowns (2,), limited to the arm."""
         low, high = self.limits
         force, position = unknowns.tolist()

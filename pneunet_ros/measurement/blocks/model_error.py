@@ -89,7 +89,7 @@ class ModelDiscrepancy(SizedBlock):
 
     def move(self, passage: Passage, by_times: Move) -> Move:
         """Change errors of the law with time and pressure, all others with time."""
-        noise, grown = by_times.noise.copy(), self.growth(passage.seconds, passage.pressed)
+        noise, grown = by_times.noise.copy(), self.growth(passage.seconds, passage.pressure_change)
         noise[:2] = [passage.size * one for one in grown]
         return Move(decay=by_times.decay, noise=noise)
 

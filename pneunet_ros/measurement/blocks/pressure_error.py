@@ -36,7 +36,7 @@ class PressureError(SizedBlock):
 
     def move(self, passage: Passage, by_times: Move) -> Move:
         """Return process noise that grows with time and with the change of pressure."""
-        (grown,) = self.growth(passage.seconds, passage.pressed)
+        (grown,) = self.growth(passage.seconds, passage.pressure_change)
         return Move(decay=by_times.decay, noise=np.array([passage.size * grown * self.range]))
 
     def on_rod(self, causes: Array, columns: slice) -> None:

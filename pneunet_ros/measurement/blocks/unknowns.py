@@ -168,10 +168,14 @@ class Unknowns:
         std[self.sized] *= size
         return freeze(std)
 
-    def growth(self, seconds: float, pressed: float) -> Array:
+    def growth(self, seconds: float, pressure_change: float) -> Array:
         """Return one sigma of the process noise of errors of unknown size, for a size of 1."""
         return np.array(
-            [std for placed in self.of_growth for std in placed.block.growth(seconds, pressed)]
+            [
+                std
+                for placed in self.of_growth
+                for std in placed.block.growth(seconds, pressure_change)
+            ]
         )
 
     def move(
@@ -185,13 +189,13 @@ class Unknowns:
         moving, before = self.moving, known.root.shape[1]
         decay = np.exp(-passage.seconds / self.moving_times)
         grown = np.sqrt(1.0 - decay**2) * self.moving_std
-        held = []
+        fixed_means = []
         for block, where in self.movers:
             move = block.move(passage, Move(decay=decay[where], noise=grown[where]))
             decay[where], grown[where] = move.decay, move.noise
-            held += [where] if move.held else []
+            fixed_means += [where] if move.held else []
         of_mean = decay.copy()
-        for where in held:
+        for where in fixed_means:
             of_mean[where] = 1.0
         count = moving.size
         mean = known.mean.copy()
