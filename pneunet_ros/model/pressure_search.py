@@ -39,14 +39,11 @@ def pressure_for_tip(
         RequestError: a value is not a finite number, or the arm has no shape under this load.
     """
     check_finite(tip_x=tip[0], tip_y=tip[1])
-    start: list[Shape | None] = [None]
 
-    def at(pressure: float) -> Shape:
-        shape = solve(arm, pressure, force, moment, start=start[0])
-        start[0] = shape if shape.converged else None
-        return shape
+    def solve_at(pressure: float, start: Shape | None) -> Shape:
+        return solve(arm, pressure, force, moment, start=start)
 
-    return nearest(arm, at, lambda shape: math.dist(shape.tip[:2], tip))
+    return nearest(arm, solve_at, lambda shape: math.dist(shape.tip[:2], tip))
 
 
 def pressure_for_force(
@@ -69,14 +66,11 @@ def pressure_for_force(
             that force; the message states the nearest force.
     """
     check_finite(force=force, tip_x=tip[0], tip_y=tip[1])
-    start: list[Shape | None] = [None]
 
-    def at(pressure: float) -> Shape:
-        shape = solve_tip(arm, pressure, tip, moment, start=start[0])
-        start[0] = shape if shape.converged else None
-        return shape
+    def solve_at(pressure: float, start: Shape | None) -> Shape:
+        return solve_tip(arm, pressure, tip, moment, start=start)
 
-    pressure, found = nearest(arm, at, lambda shape: abs(math.hypot(*shape.force) - force))
+    pressure, found = nearest(arm, solve_at, lambda shape: abs(math.hypot(*shape.force) - force))
     reached = math.hypot(*found.force)
     if abs(reached - force) > max(1e-3 * force, arm.sensors.force_std):
         raise RequestError(
@@ -89,19 +83,29 @@ def pressure_for_force(
 
 
 def nearest(
-    arm: Arm, at: Callable[[float], Shape], distance: Callable[[Shape], float]
+    arm: Arm, solve_at: Callable[[float, Shape | None], Shape], distance: Callable[[Shape], float]
 ) -> tuple[float, Shape]:
-    """Return the shape at the calibrated pressure with the smallest distance."""
-    low, high = arm.pressure_range
+    """Return the shape at the calibrated pressure with the smallest distance.
 
-    def missed(pressure: float) -> float:
+    solve_at: the shape at a pressure, started from the previous shape if there is one.
+    """
+    low, high = arm.pressure_range
+    previous: Shape | None = None
+
+    def at(pressure: float) -> Shape:
+        nonlocal previous
+        shape = solve_at(pressure, previous)
+        previous = shape if shape.converged else None
+        return shape
+
+    def distance_at(pressure: float) -> float:
         shape = at(pressure)
         return distance(shape) if shape.converged else math.inf
 
     grid = np.linspace(low, high, SCANNED).tolist()
-    found = [missed(pressure) for pressure in grid]
-    best = int(np.argmin(found))
-    if not math.isfinite(found[best]):
+    distances = [distance_at(pressure) for pressure in grid]
+    best = int(np.argmin(distances))
+    if not math.isfinite(distances[best]):
         raise RequestError(
             f'no shape at any pressure within the calibrated range: {at(low).status}',
             reason='no_equilibrium',
@@ -111,7 +115,7 @@ def nearest(
     sides = grid[max(best - 1, 0)], grid[min(best + 1, SCANNED - 1)]
     at(grid[best])
     refined = minimize_scalar(
-        missed, bounds=sides, method='bounded', options={'xatol': EXACT * (high - low)}
+        distance_at, bounds=sides, method='bounded', options={'xatol': EXACT * (high - low)}
     )
-    pressure = float(refined.x) if refined.fun < found[best] else grid[best]
+    pressure = float(refined.x) if refined.fun < distances[best] else grid[best]
     return pressure, at(pressure)
