@@ -11,7 +11,7 @@ from pneunet_ros.measurement.disturbances import (
     camera_path,
     disturbance_jacobian,
     Disturbances,
-    OF_RUN,
+    RUN_UNKNOWNS,
     painted,
     PATH_NODES,
     tilt_jacobian,
@@ -29,7 +29,7 @@ def test_the_prior_of_disturbances():
     free = made(paper_arm(), np.linspace(0.0, 4e4, 17))
     weight = free.with_end_load(0.2, 0.0)
     prior = Disturbances(arclength=AT, runs=[free, weight], noise=noise).prior
-    assert prior.shape == (6 + 2 * OF_RUN,) * 2
+    assert prior.shape == (6 + 2 * RUN_UNKNOWNS,) * 2
     row = np.outer([*AT, 0.0, 0.0, 0.0], [*AT, 0.0, 0.0, 0.0]) * noise.row_spacing_std**2
     row[3:, 3:] = (noise.row_offset_std * AT[-1]) ** 2
     assert prior[:6, :6] == pytest.approx(4e-8 * np.eye(6) + row, rel=1e-9)
@@ -40,7 +40,7 @@ def test_the_prior_of_disturbances():
     assert path[PATH_NODES // 2, -1] == pytest.approx(9e-8 + 0.5e-8, rel=1e-3)
     # all recordings share where the base frame lies across the arm
     common = (noise.row_offset_std * AT[-1]) ** 2
-    for start in (6, 6 + OF_RUN):
+    for start in (6, 6 + RUN_UNKNOWNS):
         part, across = slice(start, start + PATH_NODES), slice(start + PATH_NODES, start + 2 * 9)
         assert np.array_equal(prior[part, part], path)
         assert not prior[part, : part.start].any()
@@ -51,7 +51,7 @@ def test_the_prior_of_disturbances():
     # of a load that a weight makes, its forces; nothing else has a load that is wrong throughout
     stds = np.sqrt(np.diag(prior))
     assert stds[-3:] == pytest.approx([noise.force_std, noise.force_std, 1e-7])
-    assert stds[6 + 2 * PATH_NODES : 6 + OF_RUN] == pytest.approx(1e-7)
+    assert stds[6 + 2 * PATH_NODES : 6 + RUN_UNKNOWNS] == pytest.approx(1e-7)
     assert np.linalg.eigvalsh(prior).min() > 0.0
     assert np.linalg.eigvalsh(Disturbances(arclength=AT, runs=[free], noise=replace(
         noise, placement_std=0.0, registration_std=0.0, drift_std=0.0
@@ -67,7 +67,7 @@ def test_the_origin_is_what_all_pictures_have_in_common(clamp_angle):
     normal = np.array([-np.sin(clamp_angle), np.cos(clamp_angle)])
     unknowns = np.zeros(disturbances.prior.shape[0])
     for which in range(3):
-        start = 6 + which * OF_RUN
+        start = 6 + which * RUN_UNKNOWNS
         unknowns[start : start + 2 * PATH_NODES] = np.repeat(2e-3 * normal, PATH_NODES)
     assert disturbances.origin(unknowns) == pytest.approx(2e-3 * normal, rel=0.01)
     few = Disturbances(arclength=AT[:2], runs=[run], noise=USUAL)
@@ -87,7 +87,7 @@ def test_targets_answer_to_disturbances():
     found = disturbance_jacobian(run, nowhere) @ parameters[own]
     camera_alone = camera_path(run, parameters[own])
     along, across = parameters[:targets], parameters[targets : 2 * targets]
-    second = parameters[2 * targets + OF_RUN :]
+    second = parameters[2 * targets + RUN_UNKNOWNS :]
     nodes = second[: 2 * PATH_NODES].reshape(2, PATH_NODES)  # x, y
     time = np.linspace(0.0, 1.0, 17)
     for frame in range(17):
@@ -103,9 +103,9 @@ def test_a_run_of_one_frame_has_a_place():
     arm = paper_arm()
     run = made(arm, np.array([2e4]))
     straight = np.zeros((1, arm.target_arclength.size))
-    targets = painted(straight, straight, np.zeros(2 * straight.size + OF_RUN))
+    targets = painted(straight, straight, np.zeros(2 * straight.size + RUN_UNKNOWNS))
     answer = disturbance_jacobian(run, targets)
-    assert answer[0, 0, 0, -OF_RUN:].sum() == 1.0
+    assert answer[0, 0, 0, -RUN_UNKNOWNS:].sum() == 1.0
 
 
 def test_a_tilted_picture_is_that_of_a_camera_that_looks_askew():
