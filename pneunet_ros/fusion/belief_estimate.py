@@ -282,8 +282,8 @@ def contact_at(
 def is_there(model: PreparedModel, place: float, other: Hypothesis[Belief]) -> bool:
     """Whether a hypothesis, if it is likely, also has a contact at a place (m)."""
     belief = other.belief
-    apart = abs(float(belief.mean[model.unknowns.at(Push).stop - 1]) - place)
-    at_place = apart <= model.settings.contact_apart * model.arm.length
+    distance = abs(float(belief.mean[model.unknowns.at(Push).stop - 1]) - place)
+    at_place = distance <= model.settings.contact_apart * model.arm.length
     return not other.is_about_as_likely or (belief.touched and at_place)
 
 

@@ -224,8 +224,8 @@ def find_contacts(
     ]
     found: list[Fit] = []
     for item in sorted(pressing, key=lambda one: evidence_cost(one, seen)):
-        apart = settings.contact_apart * length
-        if all(abs(place_of(item) - place_of(other)) > apart for other in found):
+        separation = settings.contact_apart * length
+        if all(abs(place_of(item) - place_of(other)) > separation for other in found):
             found.append(item)
     return found
 

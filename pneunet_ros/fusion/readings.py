@@ -130,8 +130,8 @@ def path_of(
     if not shares or not all(0.0 <= share <= 1.0 for share in shares):
         if not pulls:
             return []
-        whole = instant.stamp_ns - since_ns
-        shares = [(stamp_ns - since_ns) / whole for stamp_ns in stamps]
+        duration_ns = instant.stamp_ns - since_ns
+        shares = [(stamp_ns - since_ns) / duration_ns for stamp_ns in stamps]
     if not pulls:
         return [EquilibriumBetween(*one) for one in zip(stamps, shares, strict=True)]
     first, *force, last = forces_at(pulls, [since_ns, *stamps, instant.stamp_ns])

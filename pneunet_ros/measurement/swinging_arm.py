@@ -196,9 +196,9 @@ class SwingingArm:
             [np.cos(bent.heading) - np.cos(links.heading),
              np.sin(bent.heading) - np.sin(links.heading)]
         )  # fmt: skip
-        far = np.cumsum(change, axis=1)
+        displacement = np.cumsum(change, axis=1)
         nodes = np.zeros((3, LINKS + 1))
-        nodes[:2, :-1], nodes[:2, -1] = far - 0.5 * change, far[:, -1]
+        nodes[:2, :-1], nodes[:2, -1] = displacement - 0.5 * change, displacement[:, -1]
         nodes[2, :-1], nodes[2, -1] = rotation, rotation[-1]
         at_nodes, at_joints = places.nodes[1:], places.joints
         shapes = np.empty((len(q), 4, at_nodes.shape[1]))

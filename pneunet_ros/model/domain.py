@@ -186,10 +186,10 @@ class LoadHull:
 @kernel
 def distance_beyond(points: Array, scale: Array, size: float, load: Array, noise: Array) -> float:
     """Compute `LoadHull.distance` from its points, scale and size."""
-    far = FAR * max(size, 1.0)
+    outer_limit = FAR * max(size, 1.0)
     at, way = np.empty(load.size), np.empty(load.size)
     for i in range(load.size):
-        at[i] = min(max(load[i] * scale[i], -far), far)
+        at[i] = min(max(load[i] * scale[i], -outer_limit), outer_limit)
     way_from_hull(points, at, way)
     largest, distance, along = 0.0, 0.0, 0.0
     for i in range(load.size):
@@ -224,9 +224,9 @@ def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) ->
     loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)
     loads = np.array([[float(f'{value:.6g}') for value in load] for load in loads.tolist()])
     pressure = float(loads[:, PRESSURE].min()), float(loads[:, PRESSURE].max())
-    whole = load_hull(loads, pressure, length)
-    scaled, near = loads * whole.scale, THINNING * whole.size
-    hull = replace(whole, points=freeze(whole.scale * unloaded(pressure)))
+    hull = load_hull(loads, pressure, length)
+    scaled, near = loads * hull.scale, THINNING * hull.size
+    hull = replace(hull, points=freeze(hull.scale * unloaded(pressure)))
     distance, taken = np.linalg.norm(scaled[:, :PRESSURE], axis=1), list[int]()
     while len(taken) < WRITTEN_LOADS:
         furthest = int(np.argmax(distance))

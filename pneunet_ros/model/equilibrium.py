@@ -322,9 +322,9 @@ def solve_dead_loads(
         stable = is_stable(solution)
         if not (stable or quick) and start is not None and is_stable(start):
             # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
-            anew = solve_dead_loads(arm, rods, load, None, arclength, settings, quick=False)
-            if anew.stable:
-                return anew
+            unstarted = solve_dead_loads(arm, rods, load, None, arclength, settings, quick=False)
+            if unstarted.stable:
+                return unstarted
     residual = max(problem.residual, missed)
     shape = solved_shape(load, arclength, values, solution, stable, residual, problem.iterations)
     return replace(shape, extrapolated=True) if beyond > 0.0 else shape

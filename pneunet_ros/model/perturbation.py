@@ -214,7 +214,7 @@ class PerturbationTable:
                 for side in self.sides
             ]
         )
-        self.alike: Final = group_equal_terms(self.sides, self.changing)
+        self.equal_terms: Final = group_equal_terms(self.sides, self.changing)
 
     def at(
         self, pressure: float, history: tuple[History, ...] | None = None, load: Load | None = None
@@ -238,7 +238,7 @@ class PerturbationTable:
                 own = slice(side, side + 1)
                 one.add_gravity(sections[own], clamp[own], gravity)
             clamp = freeze(clamp)
-        if not self.alike:
+        if not self.equal_terms:
             pressures = freeze(np.array([pressure, pressure - step, pressure + step]))
             own_sections, own_rotation = self.own.at(pressures)
             if gravity is not None:
@@ -275,7 +275,7 @@ class PerturbationTable:
         record = join_records(
             [
                 self.with_terms(record, which, side, at, history, loads)
-                for which, side in self.alike
+                for which, side in self.equal_terms
             ]
         )
         change = Perturbation(

@@ -32,9 +32,9 @@ def cache_folder() -> Path:
     chosen = os.environ.get('NUMBA_CACHE_DIR')
     if chosen:
         return Path(chosen)
-    beside = Path(__file__).parent / '__pycache__'
-    if os.access(beside if beside.exists() else beside.parent, os.W_OK):
-        return beside
+    package_cache = Path(__file__).parent / '__pycache__'
+    if os.access(package_cache if package_cache.exists() else package_cache.parent, os.W_OK):
+        return package_cache
     home = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
     return Path(home) / 'pneunet_ros'
 
