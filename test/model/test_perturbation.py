@@ -91,7 +91,7 @@ def test_what_effects_add_at_every_pressure_alike_stands_in_the_table():
     table = PerturbationTable(arm=unsure(OF_EFFECTS, SOME))
     names = [table.arm.effects[place].name for place in table.changing]
     assert names == ['pressure_elongation']
-    assert PerturbationTable(arm=unsure(MODEL, (EFFECTS['stiffening'](),))).alike == ()
+    assert PerturbationTable(arm=unsure(MODEL, (EFFECTS['stiffening'](),))).equal_terms == ()
 
 
 def test_a_record_moved_along_columns_is_that_of_the_moved_arm():
