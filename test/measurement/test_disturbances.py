@@ -11,9 +11,9 @@ from pneunet_ros.measurement.disturbances import (
     camera_path,
     disturbance_jacobian,
     Disturbances,
-    RUN_UNKNOWNS,
     painted,
     PATH_NODES,
+    RUN_UNKNOWNS,
     tilt_jacobian,
 )
 import pytest
