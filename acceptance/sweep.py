@@ -61,6 +61,8 @@ UNSTABLE = (
     'settings',
     'per_s',
     'output',
+    'knowledge',
+    'knowledge',
 )
 
 

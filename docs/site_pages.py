@@ -7,6 +7,7 @@ uses. Nothing here is written by hand twice.
 from __future__ import annotations
 
 from collections.abc import Iterator
+import csv
 import dataclasses
 from functools import partial
 from importlib import import_module
@@ -257,6 +258,7 @@ def settings_page() -> str:
         'Every number by which an algorithm decides, from the settings dataclasses of the code.\n'
         '"Invented" means that somebody chose it: no measurement and no paper stands behind it.\n',
     ]
+    swept = sweep_results()
     for owner in settings_classes():
         room = owner.__module__.removeprefix('pneunet_ros.')
         parts.append(f'## {owner.__name__} (`{room}`)\n')
@@ -268,12 +270,23 @@ def settings_page() -> str:
                 item.metadata['meaning'],
                 f'{item.default:g}' if isinstance(item.default, float) else str(item.default),
                 item.metadata['used_unit'],
-                item.metadata['from'],
+                swept[owner.__name__, item.name]
+                if item.metadata['from'] == 'sweep'
+                else item.metadata['from'],
             ]
             for item in _tunings(owner)
         ]
         parts.append(_table(['setting', 'meaning', 'value', 'unit', 'source'], rows))
     return '\n'.join(parts)
+
+
+def sweep_results() -> dict[tuple[str, ...], str]:
+    """Return what moved when a number was halved and doubled, by class and field."""
+    with (CHECKOUT / 'acceptance' / 'sweep.csv').open(encoding='utf-8', newline='') as table:
+        return {
+            tuple(row['number'].split('.')): f'halved: {row["halved"]}; doubled: {row["doubled"]}'
+            for row in csv.DictReader(table)
+        }
 
 
 def settings_classes() -> list[type]:

@@ -29,7 +29,9 @@ class PreconditionSettings:
         0.05, 'motion of the tip that shows a pressure of more than a few Pa', unit='length'
     )
     largest_force: float = tuning(100.0, 'largest plausible force on an arm', unit='weight')
-    longest: float = tuning(1.3, 'largest distance from the clamp to a target', unit='length')
+    longest: float = tuning(
+        1.3, 'largest distance from the clamp to a target', unit='length', source='sweep'
+    )
     nearest: float = tuning(
         0.02, 'least distance from the clamp to the last target', unit='length'
     )
@@ -88,12 +90,17 @@ class NoiseEstimateSettings:
     """Settings of the noise estimate."""
 
     fewest: int = tuning(
-        20, 'fewest values for an estimate, and frames of a run to take them from'
+        20, 'fewest values for an estimate, and frames of a run to take them from', source='sweep'
     )
     restless: float = tuning(
-        1.5, 'noise of a run above which it is taken to move', unit='of the quietest run'
+        1.5,
+        'noise of a run above which it is taken to move',
+        unit='of the quietest run',
+        source='sweep',
     )
-    even: float = tuning(1.5, 'largest mean over targets in a steady motion', unit='sigma')
+    even: float = tuning(
+        1.5, 'largest mean over targets in a steady motion', unit='sigma', source='sweep'
+    )
     least_target: float = tuning(
         1e-4,
         'least noise of targets: a lossy film repeats resting targets, which then show no noise',
@@ -105,13 +112,23 @@ class NoiseEstimateSettings:
         'distance from the clamp within which a target does not move with the arm',
         unit='length',
     )
-    blocks: int = tuning(8, 'blocks of a run whose means show the drift of the camera')
-    smooth_degree: int = tuning(6, 'largest degree of the polynomial along a straight arm')
+    blocks: int = tuning(
+        8, 'blocks of a run whose means show the drift of the camera', source='sweep'
+    )
+    smooth_degree: int = tuning(
+        6, 'largest degree of the polynomial along a straight arm', source='sweep'
+    )
     fewest_targets: int = tuning(8, 'for a placement')
     freedom: int = tuning(3, 'targets in excess of the coefficients of the polynomial, at least')
-    many_targets: int = tuning(12, 'that can resolve a small placement, and equal noise')
-    often: float = tuning(0.5, 'share of the frames in which a target must be seen to count')
-    straightest: float = tuning(0.1, 'share of the unloaded frames, the straightest ones')
+    many_targets: int = tuning(
+        12, 'that can resolve a small placement, and equal noise', source='sweep'
+    )
+    often: float = tuning(
+        0.5, 'share of the frames in which a target must be seen to count', source='sweep'
+    )
+    straightest: float = tuning(
+        0.1, 'share of the unloaded frames, the straightest ones', source='sweep'
+    )
     placement: float = tuning(
         1e-3,
         'std of the painted place of a target, if not estimated',
@@ -122,7 +139,7 @@ class NoiseEstimateSettings:
         2e-3,
         "std of the camera's place, if not estimated",
         unit='way to the last target',
-        source='invented: twice that of the virtual lab',
+        source='sweep',
     )
     drift: float = tuning(
         1e-3,
@@ -137,7 +154,7 @@ class NoiseEstimateSettings:
     off_grid: float = tuning(0.1, 'tolerance of the grid, for rounded decimals', unit='step')
     on_grid: float = tuning(0.9, 'share of the levels of a quantized sensor that lie on the grid')
     differs: float = tuning(
-        2.5, 'ratio to the stated noise from which a difference is reported', source='invented'
+        2.5, 'ratio to the stated noise from which a difference is reported', source='sweep'
     )
     correlated: float = tuning(
         0.3,
@@ -153,7 +170,7 @@ class NoiseEstimateSettings:
 class ResolutionSettings:
     """Resolution of recordings, and the prior for everything that they do not resolve."""
 
-    knots: int = tuning(11, 'most knots of kappa_p0 along the arm')
+    knots: int = tuning(11, 'most knots of kappa_p0 along the arm', source='sweep')
     resolved_gap: float = tuning(
         0.05, 'distance between targets that resolve two features', unit='length'
     )
@@ -182,17 +199,24 @@ class ResolutionSettings:
 class ExperimentSettings:
     """The table of kappa_p0, its prior, and the number of frames of the first fits."""
 
-    rows: int = tuning(9, 'rows of kappa_p0 over the span of the pressure')
-    amplitude: float = tuning(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
-    std: float = tuning(
-        0.5, 'std of the part of kappa_p0 that is not proportional to pressure', unit='1/length'
+    rows: int = tuning(9, 'rows of kappa_p0 over the span of the pressure', source='sweep')
+    amplitude: float = tuning(
+        5.0, 'kappa_p0 at the highest pressure', unit='1/length', source='sweep'
     )
-    length_scale: float = tuning(0.18, 'correlation length of kappa_p0', unit='length')
+    std: float = tuning(
+        0.5,
+        'std of the part of kappa_p0 that is not proportional to pressure',
+        unit='1/length',
+        source='sweep',
+    )
+    length_scale: float = tuning(
+        0.18, 'correlation length of kappa_p0', unit='length', source='sweep'
+    )
     uniform: float = tuning(1e3, 'correlation length of a constant', unit='length')
     outliers: float = tuning(
-        0.002, 'share of readings outside the range at either end', unit='share'
+        0.002, 'share of readings outside the range at either end', unit='share', source='sweep'
     )
-    first_frames: int = tuning(40, 'frames of every run for the first search')
+    first_frames: int = tuning(40, 'frames of every run for the first search', source='sweep')
     first_stiffness: float = tuning(0.05, 'initial alpha of the search')
     most_frames: int = tuning(
         5400,
@@ -207,10 +231,16 @@ class HyperparameterSettings:
     """The smoothness of kappa_p0 to choose from, by evidence."""
 
     length_scales: tuple[float, ...] = tuning(
-        (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9), 'along the arm', unit='length'
+        (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9),
+        'along the arm',
+        unit='length',
+        source='sweep',
     )
     stds: tuple[float, ...] = tuning(
-        (0.003, 0.01, 0.03, 0.1, 0.3), 'part not proportional to pressure', unit='amplitude'
+        (0.003, 0.01, 0.03, 0.1, 0.3),
+        'part not proportional to pressure',
+        unit='amplitude',
+        source='sweep',
     )
     amplitudes: tuple[float, ...] = tuning((0.4, 0.8, 1.6), 'amplitude', unit='largest kappa_p0')
 
@@ -220,20 +250,30 @@ class MomentLawSettings:
     """The prior of the piecewise linear law."""
 
     split: float = tuning(0.12, 'l1 / l', source='literature: the paper reports 0.10 to 0.15')
-    split_std: float = tuning(0.05, 'std of l1 / l')
-    split_trend_std: float = tuning(0.05, 'std of the change of l1 / l over the range of pressure')
-    split_wave_std: float = tuning(0.012, 'std of l1 / l about a straight line in pressure')
-    split_scale: float = tuning(0.5, 'correlation length of rows', unit='range of pressure')
+    split_std: float = tuning(0.05, 'std of l1 / l', source='sweep')
+    split_trend_std: float = tuning(
+        0.05, 'std of the change of l1 / l over the range of pressure', source='sweep'
+    )
+    split_wave_std: float = tuning(
+        0.012, 'std of l1 / l about a straight line in pressure', source='sweep'
+    )
+    split_scale: float = tuning(
+        0.5, 'correlation length of rows', unit='range of pressure', source='sweep'
+    )
     split_least: float = tuning(0.02, 'l1 / l')
     split_most: float = tuning(0.9, 'l1 / l')
-    bow_std: float = tuning(0.03, 'relative std of the bow of alpha, in the middle of the range')
+    bow_std: float = tuning(
+        0.03, 'relative std of the bow of alpha, in the middle of the range', source='sweep'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapEstimationSettings:
     """Stopping criteria of the search for the most probable parameters."""
 
-    small_step: float = tuning(0.05, 'size of a step at which the fit has converged', unit='sigma')
+    small_step: float = tuning(
+        0.05, 'size of a step at which the fit has converged', unit='sigma', source='sweep'
+    )
     nearly: float = tuning(10.0, 'remaining gain when no step helps: still accepted', unit='sigma')
 
 
@@ -242,17 +282,19 @@ class IdentifiabilitySettings:
     """Criteria for determined parameters."""
 
     well_known: float = tuning(
-        0.5, 'largest share of the prior sigma for a parameter to count as determined'
+        0.5,
+        'largest share of the prior sigma for a parameter to count as determined',
+        source='sweep',
     )
-    confounded: float = tuning(0.95, 'correlation of two confounded quantities')
+    confounded: float = tuning(0.95, 'correlation of two confounded quantities', source='sweep')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StiffnessVariationSettings:
     """Criteria for a stiffness that varies along the arm, and the consequences."""
 
-    modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm')
-    expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='invented')
+    modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm', source='sweep')
+    expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='sweep')
     significant: float = tuning(
         100.0,
         'reduction of chi squared, beyond noise, for a variation to count',

@@ -32,9 +32,9 @@ def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invent
     """Declare a tuning constant of an algorithm.
 
     unit: SI unit, '-' for none, or the reference of a share or multiple. source: origin of the
-    number: 'measured', 'literature: ...', 'convention', or 'invented' for a free choice; 'sweep:
-    ...': results that changed when it was halved and doubled, which shows that it matters, not
-    that it is right.
+    number: 'measured', 'literature: ...', 'convention', or 'invented' for a free choice; 'sweep':
+    acceptance/sweep.csv has the results that changed when it was halved and doubled, which shows
+    that it matters, not that it is right.
     """
     return field(default=default, metadata={'meaning': meaning, 'used_unit': unit, 'from': source})
 

@@ -37,68 +37,29 @@ class ClockDelaySettings:
     """Settings of the delay fit, and criteria for an undetermined delay."""
 
     components: int = tuning(
-        2,
-        'principal components of the motion that are used',
-        unit='number',
-        source=(
-            'invented; '
-            'sweep: halved: triangles std 0.00821 -> 0.0763; doubled: one ramp std 0.0238 -> '
-            '0.0107'
-        ),
+        2, 'principal components of the motion that are used', unit='number', source=('sweep')
     )
     fewest_frames: int = tuning(40, 'fewest frames with targets', unit='frame')
-    seen: float = tuning(
-        0.8,
-        'share of the frames in which a target must be seen',
-        source='invented; sweep: halved: nothing; doubled: steps known True -> False',
-    )
+    seen: float = tuning(0.8, 'share of the frames in which a target must be seen', source='sweep')
     overlap: float = tuning(
-        0.75,
-        'least overlap of film and table, relative to the shorter one',
-        source=(
-            'invented; '
-            'sweep: halved: triangles std 0.00821 -> 0.0166; doubled: steps known True -> False'
-        ),
+        0.75, 'least overlap of film and table, relative to the shorter one', source=('sweep')
     )
     motion: float = tuning(3.0, 'standard deviation of the motion', unit='noise of a frame')
     explained: float = tuning(
-        0.8,
-        'share of the motion that pressure and load explain, at least',
-        source='invented; sweep: halved: nothing; doubled: steps known True -> False',
+        0.8, 'share of the motion that pressure and load explain, at least', source='sweep'
     )
     rival: float = tuning(
-        2.0,
-        'residual of the next best delay over that of the best, squared',
-        source='sweep: halved: one ramp known False -> True; doubled: nothing',
+        2.0, 'residual of the next best delay over that of the best, squared', source='sweep'
     )
     separation: float = tuning(5.0, 'distance of two separate delays', unit='frame')
-    powers: int = tuning(
-        6,
-        'highest power of the pressure',
-        unit='number',
-        source=(
-            'invented; '
-            'sweep: halved: triangles std 0.00821 -> 0.0333; doubled: one ramp std 0.0238 -> '
-            '0.00572'
-        ),
-    )
+    powers: int = tuning(6, 'highest power of the pressure', unit='number', source=('sweep'))
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
         'sets of plays, each fitted; their spread is part of the standard error',
         unit='range of pressure',
-        source=(
-            'invented; '
-            'sweep: halved: triangles std 0.00821 -> 0.0361; doubled: triangles std 0.00821 '
-            '-> 0.0582'
-        ),
+        source=('sweep'),
     )
-    law: float = tuning(
-        0.1,
-        'relative error of the effect of plays on the delay',
-        source=(
-            'sweep: halved: ramps std 0.00784 -> 0.00578; doubled: ramps std 0.00784 -> 0.0132'
-        ),
-    )
+    law: float = tuning(0.1, 'relative error of the effect of plays on the delay', source='sweep')
     distinct: float = tuning(
         0.1,
         'least share of the effect of a delay that no play can imitate',
@@ -106,19 +67,10 @@ class ClockDelaySettings:
     )
     law_range: float = tuning(0.5, 'search range of the delay without plays', unit='s')
     relaxations: tuple[float, ...] = tuning(
-        (1.0, 3.0, 10.0, 30.0),
-        'time constants',
-        unit='s',
-        source=(
-            'invented; '
-            'sweep: halved: triangles std 0.00821 -> 0.0763; doubled: one ramp std 0.0238 -> 0.016'
-        ),
+        (1.0, 3.0, 10.0, 30.0), 'time constants', unit='s', source=('sweep')
     )
     stamps: float = tuning(
-        0.05,
-        'error of stamps of frames and readings',
-        unit='period',
-        source='sweep: halved: steps std 0.0024 -> 0.00161; doubled: steps std 0.0024 -> 0.00431',
+        0.05, 'error of stamps of frames and readings', unit='period', source='sweep'
     )
     blur: float = tuning(
         0.02, 'largest displacement of a frame by the error of the delay', unit='range of motion'

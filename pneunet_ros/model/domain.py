@@ -31,35 +31,22 @@ class DomainSettings:
     """Thresholds of the domain: inside, extrapolated, or outside."""
 
     pressure_margin: float = tuning(
-        0.05,
-        'pressure beyond the range that is extrapolated',
-        unit='of the range',
-        source=(
-            'sweep: halved: paper arm 1.04 of the range, 0.1 N: exit code 0 -> 1; doubled: nothing'
-        ),
+        0.05, 'pressure beyond the range that is extrapolated', unit='of the range', source='sweep'
     )
     load_margin: float = tuning(
         0.5,
         'load beyond the hull that is extrapolated',
         unit='of the size of the hull',
-        source=(
-            'sweep: halved: nothing; doubled: paper arm 0.5 of the range, 0.36 N: exit code 1 -> 0'
-        ),
+        source='sweep',
     )
     pressure_noise: float = tuning(
         8.0,
         'pressure beyond the range that its noise explains',
         unit='pressure_std',
-        source='sweep: halved: nothing; doubled: 1 % beyond the range is not said any more',
+        source='sweep',
     )
     load_noise: float = tuning(
-        4.0,
-        'load beyond the hull that its noise explains',
-        unit='sigma',
-        source=(
-            'sweep: halved: paper arm 1.01 of the range, 0.1 N: tip std.x 0.00392 -> 0.00407; '
-            'doubled: paper arm 1.01 of the range, 0.1 N: tip std.x 0.00392 -> 0.00363'
-        ),
+        4.0, 'load beyond the hull that its noise explains', unit='sigma', source='sweep'
     )
     load_error: float = tuning(
         0.2,
@@ -71,10 +58,7 @@ class DomainSettings:
         0.3,
         "one sigma of the model's own error beyond the range, as a pressure",
         unit='of the pressure beyond it',
-        source=(
-            'sweep: halved: lab arm 1.04 of the range, 0.1 N: tip std.theta 0.013 -> 0.0102; '
-            'doubled: lab arm 1.04 of the range, 0.1 N: tip std.theta 0.013 -> 0.0206'
-        ),
+        source='sweep',
     )
 
 

@@ -37,22 +37,10 @@ class SolverSettings:
         source='convention: rounding of float64; sweep: no figure by more than 6e-17',
     )
     decay_per_panel: float = tuning(
-        0.8,
-        'longest panel',
-        unit='decay lengths sqrt(B/F)',
-        source=(
-            'sweep: halved: lab arm 0.5 of the range, 0.36 N: residual 1.63e-07 -> 4.51e-09; '
-            'doubled: lab arm 0.5 of the range, 0.36 N: iterations 2 -> 4'
-        ),
+        0.8, 'longest panel', unit='decay lengths sqrt(B/F)', source='sweep'
     )
     turn_per_panel: float = tuning(
-        0.5,
-        'largest rotation over a panel',
-        unit='rad',
-        source=(
-            'sweep: halved: paper arm 1.01 of the range, 0.1 N: residual 9.86e-08 -> 2.8e-09; '
-            'doubled: paper arm 1.04 of the range, 0.1 N: residual 1.03e-07 -> 2.22e-07'
-        ),
+        0.5, 'largest rotation over a panel', unit='rad', source='sweep'
     )
     finest_detail: float = tuning(
         1e-6,

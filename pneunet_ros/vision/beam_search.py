@@ -65,9 +65,7 @@ class BeamSearchSettings:
     kept: int = tuning(12, 'rows kept at each step')
     neighbors: int = tuning(24, 'of a blob, one of which is the next target')
     seen: float = tuning(
-        0.8,
-        'share of the targets seen in a row found anywhere, at least',
-        source='invented; sweep: halved: nothing; doubled: frame 0 reason resting -> no row',
+        0.8, 'share of the targets seen in a row found anywhere, at least', source='sweep'
     )
 
     @property

@@ -32,10 +32,7 @@ class PriorSettings:
     """Settings of the shapes from which a prior is learned."""
 
     smoother: float = tuning(
-        1.75,
-        'length scale of shapes that are smoother',
-        unit='learned',
-        source='sweep: halved: camera demo: smoothing rms 1.76e-06 -> 1.72e-06; doubled: nothing',
+        1.75, 'length scale of shapes that are smoother', unit='learned', source='sweep'
     )
     learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length')
     pressures: int = tuning(6, 'shares of the calibrated range at which shapes are taken')
@@ -43,13 +40,7 @@ class PriorSettings:
         2.0, 'end force, as in Table 1', unit='weight', source='literature: paper'
     )
     turns: tuple[float, ...] = tuning(
-        (0.0, 0.25, 0.5),
-        'direction of the pull',
-        unit='angle of the unloaded tip',
-        source=(
-            'sweep: halved: camera demo: worst smoothing rms 3.96e-06 -> 4.01e-06; doubled: '
-            'camera demo: worst smoothing rms 3.96e-06 -> 4.02e-06'
-        ),
+        (0.0, 0.25, 0.5), 'direction of the pull', unit='angle of the unloaded tip', source='sweep'
     )
 
 

@@ -28,36 +28,16 @@ class GatingSettings:
     off_curve: float = tuning(0.09, 'off the curve through its neighbors', unit='spacing')
     farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
     longest: float = tuning(
-        1.3,
-        'distance of neighbors over that along the arm, at most',
-        source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
+        1.3, 'distance of neighbors over that along the arm, at most', source='sweep'
     )
     compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
     largest_loss: float = tuning(
-        0.87,
-        'area over usual, compared with neighbors, at least',
-        source=(
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.115; doubled: hand and blur: '
-            'unexplained 0 -> 10'
-        ),
+        0.87, 'area over usual, compared with neighbors, at least', source='sweep'
     )
-    largest_growth: float = tuning(
-        1.2,
-        'the same, at most',
-        source='sweep: halved: hand and blur: unexplained 0 -> 10; doubled: nothing',
-    )
-    longer: float = tuning(
-        1.35,
-        'elongation over that of neighbors, at most',
-        source=(
-            'sweep: halved: hand and blur: unexplained 0 -> 10; doubled: hand and blur: tip '
-            'error/std 0.992 -> 0.989'
-        ),
-    )
+    largest_growth: float = tuning(1.2, 'the same, at most', source='sweep')
+    longer: float = tuning(1.35, 'elongation over that of neighbors, at most', source='sweep')
     first_growth: float = tuning(
-        1.1,
-        'area over most, of a target not seen before, at most',
-        source='sweep: halved: jpeg, uneven: tip error/std 0.971 -> 2.6; doubled: nothing',
+        1.1, 'area over most, of a target not seen before, at most', source='sweep'
     )
     alone_between: float = tuning(0.04, 'a target moves alone, at most', unit='spacing')
     alone_beyond: float = tuning(0.15, 'the same, at the end of what is seen', unit='spacing')

@@ -46,14 +46,7 @@ from pneunet_ros.vision.gating import GATING, GatingSettings, local_median
 class RowLookSettings:
     """Settings for predicting the appearance of a target from its neighbors."""
 
-    neighbors: int = tuning(
-        6,
-        'the nearest, by which a target is known',
-        source=(
-            'sweep: halved: jpeg, uneven: tip found share 0.9 -> 0.3; doubled: hand and blur: '
-            'tip rms px 0.115 -> 0.0837'
-        ),
-    )
+    neighbors: int = tuning(6, 'the nearest, by which a target is known', source='sweep')
     fewest: int = tuning(3, 'of them')
     exact: float = tuning(
         0.94, 'share of the edge on the outline, of a whole blob', source='measured'
@@ -78,39 +71,12 @@ class RowLookSettings:
         0.985, 'smallest area of a whole blob, relative to its neighbors', source='measured'
     )
     differ: float = tuning(
-        3.0,
-        'largest difference between sizes of neighbors',
-        unit='one sigma',
-        source='sweep: halved: hand and blur: tip rms px 0.115 -> 0.0577; doubled: nothing',
+        3.0, 'largest difference between sizes of neighbors', unit='one sigma', source='sweep'
     )
-    least_std: float = tuning(
-        0.0015,
-        'least std of size and shape',
-        unit='radius',
-        source=(
-            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.994; doubled: hand and '
-            'blur: tip error/std 0.992 -> 1.1'
-        ),
-    )
-    blur_std: float = tuning(
-        0.1,
-        'one sigma of the blur',
-        unit='px',
-        source=(
-            'sweep: halved: jpeg, uneven: tip found share 0.9 -> 1; doubled: hand and blur: '
-            'tip error/std 0.992 -> 1.07'
-        ),
-    )
+    least_std: float = tuning(0.0015, 'least std of size and shape', unit='radius', source='sweep')
+    blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px', source='sweep')
     smear_std: float = tuning(0.15, 'least std of the motion during an exposure', unit='px')
-    level_std: float = tuning(
-        0.03,
-        'least std of the plateau',
-        unit='contrast',
-        source=(
-            'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 0.976; doubled: hand and '
-            'blur: tip error/std 0.992 -> 0.994'
-        ),
-    )
+    level_std: float = tuning(0.03, 'least std of the plateau', unit='contrast', source='sweep')
     seen: float = tuning(
         0.5,
         'smallest visible share of the edge for a partly hidden target to count',
@@ -120,9 +86,7 @@ class RowLookSettings:
         0.25, 'largest distance of a doubtful target from the row', unit='radius'
     )
     beyond: float = tuning(
-        0.15,
-        'largest share of the edge outside of the outline',
-        source='sweep: halved: nothing; doubled: jpeg, uneven: tip rms px 0.0956 -> 0.114',
+        0.15, 'largest share of the edge outside of the outline', source='sweep'
     )
     part_error: float = tuning(
         0.007,

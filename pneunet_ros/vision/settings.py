@@ -23,35 +23,14 @@ class RowTrackerSettings:
     """Settings for following a row from frame to frame."""
 
     area_gain: float = tuning(
-        0.1,
-        'share of a new area in the area that is expected next',
-        source=(
-            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.994; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.114'
-        ),
+        0.1, 'share of a new area in the area that is expected next', source='sweep'
     )
     reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
     near_clamp: int = tuning(4, 'targets near the clamp, which hardly move unless the camera does')
     off_along: float = tuning(0.1, 'displacement by stretch per target', unit='spacing')
     off_aside: float = tuning(0.5, 'displacement by bending per target', unit='spacing')
-    smear_std: float = tuning(
-        0.3,
-        'std of the motion while the shutter is open',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0879; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.09'
-        ),
-    )
-    least_exposure: float = tuning(
-        0.03,
-        'open shutter, at least',
-        unit='frame',
-        source=(
-            'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 1.22; doubled: jpeg, uneven: '
-            'tip error/std 0.971 -> 1.14'
-        ),
-    )
+    smear_std: float = tuning(0.3, 'std of the motion while the shutter is open', source=('sweep'))
+    least_exposure: float = tuning(0.03, 'open shutter, at least', unit='frame', source='sweep')
     least_way: float = tuning(
         5.0, 'motion of all targets between frames for estimating the shutter', unit='px'
     )

@@ -34,13 +34,7 @@ class BlobSettings:
     )
     levels: int = tuning(2, 'thresholds at which an area of the least contrast is visible')
     speck: int = tuning(
-        3,
-        'side of the square over which noise is averaged',
-        unit='px',
-        source=(
-            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.993; doubled: hand and '
-            'blur: tip error/std 0.992 -> 0.993'
-        ),
+        3, 'side of the square over which noise is averaged', unit='px', source='sweep'
     )
     least_area: float = tuning(0.5, 'smallest thresholded area', unit='smallest area')
     largest_area: float = tuning(1.5, 'largest thresholded area', unit='largest area')
@@ -50,44 +44,15 @@ class BlobSettings:
         0.35, 'distance between centers of one blob at two levels', unit='radius'
     )
     growth: float = tuning(
-        2.0,
-        'largest growth of the area of a blob from one level to the next',
-        source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.993; doubled: nothing',
+        2.0, 'largest growth of the area of a blob from one level to the next', source='sweep'
     )
-    blur: float = tuning(
-        0.9,
-        'expected blur of an edge',
-        unit='px',
-        source='sweep: halved: nothing; doubled: hand and blur: tip error/std 0.992 -> 0.993',
-    )
-    blur_std: float = tuning(
-        0.3,
-        'std of the blur of an edge',
-        unit='px',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0896; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.0852'
-        ),
-    )
+    blur: float = tuning(0.9, 'expected blur of an edge', unit='px', source='sweep')
+    blur_std: float = tuning(0.3, 'std of the blur of an edge', unit='px', source=('sweep'))
     smear_std: float = tuning(
-        1.0,
-        'std of the motion during an exposure',
-        unit='px',
-        source=(
-            'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 1.21; doubled: hand and '
-            'blur: tip error/std 0.992 -> 1.07'
-        ),
+        1.0, 'std of the motion during an exposure', unit='px', source='sweep'
     )
     shape_std: float = tuning(
-        0.3,
-        'one sigma of size and shape before a fit',
-        unit='radius',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0893; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.0867'
-        ),
+        0.3, 'one sigma of size and shape before a fit', unit='radius', source=('sweep')
     )
     twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
     off_blob: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')

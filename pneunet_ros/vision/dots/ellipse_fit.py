@@ -51,96 +51,55 @@ class EllipseSettings:
         1.5,
         'largest initial offset of an edge, and largest change of center and motion per pass',
         unit='px',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0852; doubled: hand and '
-            'blur: rms px 0.0277 -> 0.0204'
-        ),
+        source=('sweep'),
     )
     least_blur: float = tuning(0.29, 'least blur of an edge: a pixel is a square', unit='px')
     most_blur: float = tuning(3.5, 'largest blur of an edge', unit='px')
     tilt_std: float = tuning(
-        0.015,
-        'slope of the light over a blob',
-        unit='contrast / radius',
-        source=(
-            'invented; '
-            'sweep: halved: jpeg, uneven: tip error/std 0.971 -> 1.23; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.0852'
-        ),
+        0.015, 'slope of the light over a blob', unit='contrast / radius', source=('sweep')
     )
     largest_change: float = tuning(
         0.25, 'largest change of size and shape per pass', unit='radius'
     )
     widest_step: float = tuning(0.3, 'largest change of the blur per pass', unit='px')
     most_smear: float = tuning(
-        20.0,
-        'largest motion during an exposure',
-        unit='px',
-        source='sweep: halved: hand and blur: tip rms px 0.115 -> 0.053; doubled: nothing',
+        20.0, 'largest motion during an exposure', unit='px', source='sweep'
     )
     least_axis: float = tuning(0.5, 'half the smallest axis, at least', unit='px')
     plateau_share: float = tuning(
         0.3,
         'share of the pixels inside that are brighter than the first plateau',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0896; doubled: hand and '
-            'blur: rms px 0.0277 -> 0.0223'
-        ),
+        source=('sweep'),
     )
     cut: float = tuning(
         2.5,
         'distance from the outline above which an edge is left out',
         unit='usual distance',
-        source=(
-            'sweep: halved: jpeg, uneven: tip rms px 0.0956 -> 0.135; doubled: hand and blur: '
-            'tip error/std 0.992 -> 1.32'
-        ),
+        source='sweep',
     )
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(
-        0.3,
-        'largest position error of an informative edge',
-        unit='px',
-        source=(
-            'invented; '
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0868; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.0845'
-        ),
+        0.3, 'largest position error of an informative edge', unit='px', source=('sweep')
     )
     visible: float = tuning(
         0.5,
         'smallest share of sectors with a visible edge, and of these with one on the outline',
-        source='sweep: halved: hand and blur: tip error/std 0.992 -> 0.985; doubled: nothing',
+        source='sweep',
     )
     within: float = tuning(
-        0.9,
-        'of the most that a blob covers of a pixel, where it is its inside',
-        source='invented; sweep: halved: nothing; doubled: jpeg, uneven: tip found share 0.9 -> 0',
+        0.9, 'of the most that a blob covers of a pixel, where it is its inside', source='sweep'
     )
     plain: float = tuning(0.3, 'inside of a blob, darker than it is drawn at most', unit='height')
     on_edge: float = tuning(
-        0.03,
-        'distance of an edge that is on the outline',
-        unit='px',
-        source='sweep: halved: nothing; doubled: jpeg, uneven: tip error/std 0.971 -> 1.23',
+        0.03, 'distance of an edge that is on the outline', unit='px', source='sweep'
     )
     on_edge_share: float = tuning(
         0.006, 'the same, at least', unit='radius', source='measured: 15 px, edges blurred by 2 px'
     )
     near_edge: float = tuning(
-        0.12,
-        'distance of an edge that is near the outline',
-        unit='px',
-        source='sweep: halved: nothing; doubled: jpeg, uneven: tip rms px 0.0956 -> 0.114',
+        0.12, 'distance of an edge that is near the outline', unit='px', source='sweep'
     )
-    near_edge_share: float = tuning(
-        0.02,
-        'the same, added',
-        unit='radius',
-        source='sweep: halved: nothing; doubled: jpeg, uneven: tip rms px 0.0956 -> 0.114',
-    )
+    near_edge_share: float = tuning(0.02, 'the same, added', unit='radius', source='sweep')
     uneven: float = tuning(
         0.7,
         'of what is on either side of an edge, not explained',

@@ -56,28 +56,19 @@ class MovingDotSettings:
         1.8,
         'width of the pixels used along the arm, from the center',
         unit='radius',
-        source=(
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.108; doubled: hand and blur: '
-            'tip error/std 0.992 -> 0.951'
-        ),
+        source='sweep',
     )
     beyond: float = tuning(
         0.6,
         'width of the pixels used on either side of the path of a dot',
         unit='radius',
-        source=(
-            'sweep: halved: hand and blur: tip error/std 0.992 -> 0.982; doubled: hand and '
-            'blur: tip error/std 0.992 -> 1'
-        ),
+        source='sweep',
     )
     blur: float = tuning(
         1.5,
         'width of the blurred zone at the edge of a dot, or at the end of the arm',
         unit='blur',
-        source=(
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
-            'tip error/std 0.992 -> 0.995'
-        ),
+        source='sweep',
     )
     passes: int = tuning(14, 'most passes of the fit')
     done: float = tuning(0.01, 'step of the center after which the fit ends', unit='px')
@@ -87,47 +78,21 @@ class MovingDotSettings:
         0.1,
         'change of the center below which the pixels used are not moved',
         unit='radius',
-        source=(
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.114; doubled: hand and blur: '
-            'rms px 0.0277 -> 0.0274'
-        ),
+        source='sweep',
     )
     way_std: float = tuning(0.2, 'std of the motion predicted by the row', unit='way')
     fit_std: float = tuning(0.1, 'std of size and motion from other fits', unit='radius, way')
     informing: int = tuning(
-        3,
-        'nearest neighbors that give the prior of size and contrast',
-        source=(
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.115; doubled: hand and blur: '
-            'tip rms px 0.115 -> 0.116'
-        ),
+        3, 'nearest neighbors that give the prior of size and contrast', source='sweep'
     )
-    fewest: int = tuning(
-        2,
-        'fewest neighbors for a prior',
-        source='sweep: halved: nothing; doubled: hand and blur: tip error/std 0.992 -> 1.54',
-    )
+    fewest: int = tuning(2, 'fewest neighbors for a prior', source='sweep')
     contrast_std: float = tuning(
         0.3, 'std of the contrast predicted by neighbors', unit='contrast'
     )
     least_size_std: float = tuning(
-        0.01,
-        'least std of the size predicted by neighbors',
-        unit='radius',
-        source=(
-            'sweep: halved: hand and blur: tip rms px 0.115 -> 0.0878; doubled: hand and '
-            'blur: tip rms px 0.115 -> 0.116'
-        ),
+        0.01, 'least std of the size predicted by neighbors', unit='radius', source='sweep'
     )
-    together: int = tuning(
-        4,
-        'correlation length of image errors',
-        unit='px',
-        source=(
-            'sweep: halved: hand and blur: rms px 0.0277 -> 0.0274; doubled: hand and blur: '
-            'rms px 0.0277 -> 0.0274'
-        ),
-    )
+    together: int = tuning(4, 'correlation length of image errors', unit='px', source='sweep')
     error: float = tuning(
         0.0025,
         'error of the center due to unevenness along the arm',
@@ -135,19 +100,14 @@ class MovingDotSettings:
         source='measured: composed films of other photographs and seeds than are scored',
     )
     least_error: float = tuning(
-        0.01,
-        'least error of the center: dots are unevenly painted',
-        unit='radius',
-        source='invented',
+        0.01, 'least error of the center: dots are unevenly painted', unit='radius', source='sweep'
     )
     most_left: float = tuning(
         0.08, 'largest rms residual of the fit', unit='contrast',
         source='measured: 0.03 of dots that are seen, there',
     )  # fmt: skip
     differs: float = tuning(
-        1.8,
-        'largest ratio of contrasts between a dot and its neighbors',
-        source='sweep: halved: hand and blur: tip error/std 0.992 -> 1.54; doubled: nothing',
+        1.8, 'largest ratio of contrasts between a dot and its neighbors', source='sweep'
     )
     ends: float = tuning(
         0.69,
