@@ -20,7 +20,7 @@ import pytest
 from support.refusals import reasons
 from support.small_calibration import ARM, measured, NOISE, runs_of, TOP
 
-ROWS = [(0.003, 0.0), (-0.003, 0.03), (0.0, -0.05)]  # offset m, relative spacing
+ROWS = [(0.003, 0.0), (-0.003, -0.05)]  # offset m, relative spacing
 
 
 def shifted(run: RecordingData, arm, offset: float, spacing: float) -> RecordingData:
