@@ -377,7 +377,7 @@ def test_a_wiggly_field_gets_the_mesh_it_needs(waves):
 
 
 def test_detail_finer_than_any_mesh_is_said():
-    shape = solve(wiggly_arm(300), 0.0, (0.1, 0.1))
+    shape = solve(wiggly_arm(200), 0.0, (0.1, 0.1))
     assert not shape.converged
     assert np.isnan(shape.x).all()
 
