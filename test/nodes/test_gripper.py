@@ -301,9 +301,6 @@ def test_a_virtual_gripper_closes_on_its_object_with_the_wanted_force(tmp_path):
         hand = Hand()
         hand.comes_to(lambda point: point['touching'] == 0 and abs(point['width'] - 0.078) < 1e-3)
         assert hand.spin_until(lambda: hand.commands.get_subscription_count())
-        command = JointState(position=[0.05])
-        hand.commands.publish(command)
-        hand.comes_to(lambda point: abs(point['width'] - 0.05) < 1e-3)
         hand.commands.publish(JointState(position=[0.0], effort=[0.03]))
         # An object of 30 N/m gives by 1 mm on each side.
         hand.comes_to(
@@ -315,7 +312,13 @@ def test_a_virtual_gripper_closes_on_its_object_with_the_wanted_force(tmp_path):
             )
         )
         hand.commands.publish(JointState(position=[0.07]))
-        hand.comes_to(lambda point: point['touching'] == 0 and point['force'] == 0.0)
+        hand.comes_to(
+            lambda point: (
+                point['touching'] == 0
+                and point['force'] == 0.0
+                and abs(point['width'] - 0.07) < 1e-3
+            )
+        )
         hand.close()
         assert process.end() == 0 and virtual.end() == 0, process.text
 
