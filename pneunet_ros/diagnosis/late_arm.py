@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import DIFFERENCE, fit_motion, less_swing, MotionFit
+from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit, without_swing
+from pneunet_ros.calibration.motion_problem import DIFFERENCE_STEP
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
@@ -120,10 +121,12 @@ def less_motion(
             arm, nearby = found_arm(trial)
             # On ramps, errors of the static model look like a part of the mass. An arm without
             # mass that is late for another reason would fit best with almost no weight.
-            fit = fit_motion(arm, swinging, near=near, nearby=nearby, trusted_error=TRUSTED)
+            fit = fit_motion(
+                arm, swinging, start_motion=near, perturbed_arms=nearby, trusted_error=TRUSTED
+            )
             arm = arm_towards(arm, trial, fit.shares)
             result = search(
-                *(less_swing(arm, fit.motion, part) for part in (training, held_out)),
+                *(without_swing(arm, fit.motion, part) for part in (training, held_out)),
                 allowed=allowed,
             )
             if isinstance(result, UnsettledInvestigation):
@@ -145,7 +148,7 @@ def found_arm(trial: Trial) -> tuple[Arm, list[Arm]]:
     """Return the arm with the effects of a trial, and arms with each number a little larger."""
     refit = trial.refit
     arm = augment_model(refit, fit_with_effects(refit))
-    steps = np.eye(refit.numbers.size) * DIFFERENCE
+    steps = np.eye(refit.numbers.size) * DIFFERENCE_STEP
     return arm, [arm_towards(arm, trial, step) for step in steps]
 
 

@@ -8,14 +8,13 @@ import math
 
 import numpy as np
 from pneunet_ros.calibration.motion_fit import (
-    DIFFERENCE,
     fit_motion,
-    less_swing,
     MotionFit,
-    MotionProblem,
     predicted_motion,
     standard_errors,
+    without_swing,
 )
+from pneunet_ros.calibration.motion_problem import DIFFERENCE_STEP, MotionProblem
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.hypothesis import hypothesis
@@ -82,10 +81,11 @@ def test_what_else_is_not_known_exactly_is_fitted_beside_mass_and_damping():
     run, known = run_of(simulate(scenario)).without_load(), hypothesis(CameraDelay)
     arm, nearby = (
         dataclasses.replace(bare, effects=(CameraDelay(delay=0.05 + step * known.std[0]),))
-        for step in (0.0, DIFFERENCE)
+        for step in (0.0, DIFFERENCE_STEP)
     )
     alone, beside = (
-        fit_motion(arm, [run], near=fitted()[0].motion, nearby=arms) for arms in ((), (nearby,))
+        fit_motion(arm, [run], start_motion=fitted()[0].motion, perturbed_arms=arms)
+        for arms in ((), (nearby,))
     )
     assert alone.motion.damping_time < 0.93 * DAMPING_TIME
     assert beside.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.04)
@@ -132,7 +132,7 @@ def test_a_swing_is_hardly_that_of_the_noise_of_the_readings():
         scenario = dataclasses.replace(scenario, protocol=protocol)
         run, arm = run_of(simulate(scenario)), true_model(scenario)
         motion = Motion(tip_mass=TIP_MASS, damping_time=DAMPING_TIME)
-        swings.append(run.points - less_swing(arm, motion, [run])[0].points)
+        swings.append(run.points - without_swing(arm, motion, [run])[0].points)
     assert np.sqrt(np.nanmean((swings[0] - swings[1]) ** 2)) < 2e-4
 
 
@@ -163,8 +163,9 @@ def test_errors_count_a_period_as_one_observation():
     class Problem:
         runs, std = (Run(),), 1.0
         modes = type('Modes', (), {'frequency': np.array([2.0 * np.pi])})
-        others, covariance = None, None
-        white, split = MotionProblem.white, MotionProblem.split
+        nuisance, covariance = None, None
+        whitened = MotionProblem.whitened
+        without_nuisance = MotionProblem.without_nuisance
 
     jacobian = np.ones((80, 1))
     alike = np.repeat([1.0, -1.0, 1.0, -1.0], 20).reshape(40, 2, 1)

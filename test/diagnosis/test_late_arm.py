@@ -61,7 +61,7 @@ def asked(nothing, monkeypatch):
     """Ask of a late camera, against recordings less a swing that are so much more probable."""
     found, runs = nothing
     monkeypatch.setattr(late_arm, 'fit_motion', lambda *args, **kwargs: FIT)
-    monkeypatch.setattr(late_arm, 'less_swing', lambda arm, motion, runs: runs)
+    monkeypatch.setattr(late_arm, 'without_swing', lambda arm, motion, runs: runs)
     late = judged(found, 0.0, names=(CameraDelay.name,), answer='named')
 
     def ask(gained, *, start=late, held_out=(), searched=None, **moving):
@@ -117,7 +117,7 @@ def test_mass_is_fitted_while_the_recordings_become_more_probable(
     """A camera that is late as well takes a part of the damping with it in each round."""
     fits = iter([replace(FIT, hertz=float(which)) for which in range(rounds)])
     monkeypatch.setattr(late_arm, 'fit_motion', lambda *args, **kwargs: next(fits))
-    monkeypatch.setattr(late_arm, 'less_swing', lambda arm, motion, runs: runs)
+    monkeypatch.setattr(late_arm, 'without_swing', lambda arm, motion, runs: runs)
     left = [100.0 + gain for gain in gains]
 
     def search(*recordings, allowed):
@@ -151,16 +151,16 @@ def test_mass_is_fitted_beside_what_was_found_without_it(nothing, monkeypatch):
     bare, swung = found.diagnosis.after.arm, []
     arm = replace(bare, effects=(CameraDelay(delay=0.05),), covariance=None)
 
-    def fit(arm, runs, *, nearby, **kwargs):
-        swung.extend(nearby)
+    def fit(arm, runs, *, perturbed_arms, **kwargs):
+        swung.extend(perturbed_arms)
         return replace(FIT, shares=(-0.4,))
 
-    def less_swing(arm, *args):
+    def without_swing(arm, *args):
         swung.append(arm)
         return runs
 
     monkeypatch.setattr(late_arm, 'fit_motion', fit)
-    monkeypatch.setattr(late_arm, 'less_swing', less_swing)
+    monkeypatch.setattr(late_arm, 'without_swing', without_swing)
     monkeypatch.setattr(late_arm, 'augment_model', lambda *args: arm)
     monkeypatch.setattr(late_arm, 'fit_with_effects', lambda *args: None)
     late_arm.less_motion(
