@@ -219,21 +219,21 @@ class MovingArm:
         assert self.arm.inertia is not None
         damping_time = self.arm.inertia.damping_time
         solved = shape.solution.for_kernels()
-        following, moved = follow_reading(
+        following, moving = follow_reading(
             state, stamp_ns, solved, self.masses, damping_time, self.modes
         )
-        swing, swinging = following.swing, moved.stopped / self.modes.frequency[0]
-        along, bent = moved.at_nodes @ places.nodes, moved.at_joints @ places.joints
+        swing, swinging = following.swing, moving.stopped / self.modes.frequency[0]
+        along, bent = moving.at_nodes @ places.nodes, moving.at_joints @ places.joints
         std, covariance = errors.std.copy(), errors.tip_covariance.copy()
         left_out = LEFT_OUT * math.hypot(*along[:2, -1].tolist(), *swinging.tolist())
         length = self.arm.length
         widen(swing, self.relative, left_out, length, by_reading, along, bent, std, covariance)
         motion = MotionEstimate(
-            velocity=freeze(moved.velocity),
+            velocity=freeze(moving.velocity),
             settled=is_settled(along[:2, -1], swinging, covariance),
             swing=swing,
-            at_nodes=freeze(moved.at_nodes),
-            at_joints=freeze(moved.at_joints),
+            at_nodes=freeze(moving.at_nodes),
+            at_joints=freeze(moving.at_joints),
             relative=self.relative,
             left_out=left_out,
             modes=functools.partial(modes_of, following.links, self.masses, damping_time, SHAPES),
@@ -357,8 +357,8 @@ def go_between(
     steps = steps_between(seconds, damping_time, modes)
     if not 0 < steps <= MOST_STEPS:
         return state
-    old, turned = state.swing, state.turned.copy()
-    swing = Swing(old.state.copy(), old.covariance.copy(), old.columns.copy())
+    previous, turned = state.swing, state.turned.copy()
+    swing = Swing(previous.state.copy(), previous.covariance.copy(), previous.columns.copy())
     go_on(
         swing,
         seconds,
@@ -391,15 +391,17 @@ def after_gap(
     """
     from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
 
-    rates, onto = rates_about(links, masses, damping_time, moment)
-    stepped = np.zeros(2 * SHAPES)
-    stepped[:SHAPES] = onto @ (state.links.heading - links.heading)
-    within = rates - np.eye(2 * SHAPES) / (2.0 * gap)  # not longer ago than the gap
-    old = state.swing.state.ravel()
-    left = expm(rates * gap)
-    before = left @ (state.swing.covariance + np.outer(old, old)) @ left.T
-    steps = solve_continuous_lyapunov(within, -np.outer(stepped, stepped) / gap)
-    return np.asarray(before + steps)
+    rates, projection = rates_about(links, masses, damping_time, moment)
+    displacement = np.zeros(2 * SHAPES)
+    displacement[:SHAPES] = projection @ (state.links.heading - links.heading)
+    rates_in_gap = rates - np.eye(2 * SHAPES) / (2.0 * gap)  # not longer ago than the gap
+    state_before = state.swing.state.ravel()
+    transition = expm(rates * gap)
+    swings = (
+        transition @ (state.swing.covariance + np.outer(state_before, state_before)) @ transition.T
+    )
+    steps = solve_continuous_lyapunov(rates_in_gap, -np.outer(displacement, displacement) / gap)
+    return np.asarray(swings + steps)
 
 
 def rates_about(
@@ -418,13 +420,13 @@ def rates_about(
     return rates, slowed @ inertia
 
 
-def moved_shape(shape: Shape, along: Array, bent: Array) -> Shape:
-    """Return a shape in motion; along (3 or more, stations) and bent: as in `follow_swing`."""
+def moved_shape(shape: Shape, displacement: Array, bent: Array) -> Shape:
+    """Return a shape in motion; displacement (3 or more, stations) and bent: of `follow_swing`."""
     return Shape(
         arclength=shape.arclength,
-        x=freeze(shape.x + along[0]),
-        y=freeze(shape.y + along[1]),
-        theta=freeze(shape.theta + along[2]),
+        x=freeze(shape.x + displacement[0]),
+        y=freeze(shape.y + displacement[1]),
+        theta=freeze(shape.theta + displacement[2]),
         curvature=freeze(shape.curvature + bent[0]),
         intrinsic_curvature=shape.intrinsic_curvature,
         moment=freeze(shape.moment + bent[1]),
@@ -454,5 +456,5 @@ def is_settled(deviation: Array, swing: Array, covariance: Array) -> bool:
     the equilibrium stopped; covariance (3, 3): of the tip. Both together must be within 1.96
     standard deviations of its position, like 95 % of the reading errors.
     """
-    far = deviation @ deviation + swing @ swing
-    return bool(far <= WITHIN_95**2 * (covariance[0, 0] + covariance[1, 1]))
+    distance_square = deviation @ deviation + swing @ swing
+    return bool(distance_square <= WITHIN_95**2 * (covariance[0, 0] + covariance[1, 1]))

@@ -138,30 +138,33 @@ def slopes(
             turns[1 + a, i] = bent
             turns[1 + count + a, i] = changed
     for i in range(links):
-        still = between(before.heading[i], after.heading[i], share)
-        heading[i] = still
+        equilibrium_heading = between(before.heading[i], after.heading[i], share)
+        heading[i] = equilibrium_heading
         turns[0, i] = rate * (after.heading[i] - before.heading[i])
         for a in range(count):
             heading[i] += turns[1 + a, i] * state[Q, a]
             turns[0, i] += turns[1 + count + a, i] * state[Q, a]
         length[i] = between(before.length[i], after.length[i], share)
         sine[i], cosine[i] = sine_cosine(heading[i])
-        sine_e, cosine_e = sine_cosine(still)
+        sine_e, cosine_e = sine_cosine(equilibrium_heading)
         tilt_x[i], tilt_y[i] = cosine[i] - cosine_e, sine[i] - sine_e
     for a in range(1 + count):
         x, y = 0.0, 0.0
         for i in range(links):
-            turned = length[i] * turns[a, i]
-            way[a, 0, i], way[a, 1, i] = x - 0.5 * sine[i] * turned, y + 0.5 * cosine[i] * turned
-            x -= sine[i] * turned
-            y += cosine[i] * turned
+            rotated_link = length[i] * turns[a, i]
+            way[a, 0, i], way[a, 1, i] = (
+                x - 0.5 * sine[i] * rotated_link,
+                y + 0.5 * cosine[i] * rotated_link,
+            )
+            x -= sine[i] * rotated_link
+            y += cosine[i] * rotated_link
         way[a, 0, links], way[a, 1, links] = x, y
         for b in range(a + 1):
             total = masses.tip * (x * way[b, 0, links] + y * way[b, 1, links])
             for i in range(links):
                 product = way[a, 0, i] * way[b, 0, i] + way[a, 1, i] * way[b, 1, i]
-                own = length[i] * length[i] / 12.0 * turns[a, i] * turns[b, i]
-                total += masses.mass[i] * (product + own)
+                inertia_of_link = length[i] * length[i] / 12.0 * turns[a, i] * turns[b, i]
+                total += masses.mass[i] * (product + inertia_of_link)
             gram[a, b] = total
             gram[b, a] = total
     matrix, right = np.empty((count, count)), np.empty((count, 1))
@@ -258,12 +261,12 @@ def errors_that_stay(state: Array, damping: Array, room: Room, inverse: Array, o
     """
     count = damping.shape[0]
     for a in range(count):
-        along, lost = 0.0, 0.0
+        q_rate, p_rate = 0.0, 0.0
         for b in range(count):
-            along -= inverse[a, b] * state[P, b]
+            q_rate -= inverse[a, b] * state[P, b]
             for c in range(count):
-                lost += damping[a, b] * inverse[b, c] * state[P, c]
-        out[MASS, a], out[MASS, count + a] = along, lost
+                p_rate += damping[a, b] * inverse[b, c] * state[P, c]
+        out[MASS, a], out[MASS, count + a] = q_rate, p_rate
         out[DAMPING, a], out[DAMPING, count + a] = 0.0, -room.damped[a]
 
 
@@ -320,7 +323,7 @@ def product(left: Array, right: Array, factor: float, out: Array) -> None:
 def transition(rates: Array, seconds: float, steps: int) -> Array:
     """Return exp(rates seconds), (k, k), by fourth-order Runge-Kutta."""
     size = rates.shape[0]
-    one, power, whole, work = np.eye(size), np.eye(size), np.eye(size), np.empty((size, size))
+    one, power, result, work = np.eye(size), np.eye(size), np.eye(size), np.empty((size, size))
     for order in range(1, 5):
         product(power, rates, seconds / steps / order, work)
         for i in range(size):
@@ -328,11 +331,11 @@ def transition(rates: Array, seconds: float, steps: int) -> Array:
                 power[i, j] = work[i, j]
                 one[i, j] += work[i, j]
     for _ in range(steps):
-        product(one, whole, 1.0, work)
+        product(one, result, 1.0, work)
         for i in range(size):
             for j in range(size):
-                whole[i, j] = work[i, j]
-    return whole
+                result[i, j] = work[i, j]
+    return result
 
 
 @kernel
@@ -367,23 +370,23 @@ def go_on(
             room.rates[row, a] = rates[row, a]
     linear = linear_rates(after, damping_time, moments, room, damping, inverse)
     errors_that_stay(swing.state, damping, room, inverse, errors)
-    moved = transition(linear, seconds, steps)
+    transition_matrix = transition(linear, seconds, steps)
     size = 2 * count
     columns, covariance = np.empty((2, size)), np.empty((size, size))
     for cause in range(2):
         for i in range(size):
             columns[cause, i] = seconds * errors[cause, i]
             for j in range(size):
-                columns[cause, i] += moved[i, j] * swing.columns[cause, j]
+                columns[cause, i] += transition_matrix[i, j] * swing.columns[cause, j]
     for cause in range(2):
         for i in range(size):
             swing.columns[cause, i] = columns[cause, i]
-    product(moved, swing.covariance, 1.0, covariance)
+    product(transition_matrix, swing.covariance, 1.0, covariance)
     for i in range(size):
         for j in range(size):
             total = 0.0
             for k in range(size):
-                total += covariance[i, k] * moved[j, k]
+                total += covariance[i, k] * transition_matrix[j, k]
             swing.covariance[i, j] = total
     kick = np.zeros(count)
     for i in range(links):
@@ -655,11 +658,11 @@ def part_shapes(errors: Array, shapes: Array, parts: Array) -> None:
         for i in range(coordinates):
             square += errors[error, i] * errors[error, i]
         for a in range(count):
-            along = 0.0
+            component = 0.0
             for i in range(coordinates):
-                along += shapes[a, i] * errors[error, i]
+                component += shapes[a, i] * errors[error, i]
             if square > 0.0:
-                along /= square
+                component /= square
             for i in range(coordinates):
-                beside = shapes[a, i] - along * errors[error, i]
-                parts[error, a, i] = q[a, error] * beside
+                remainder = shapes[a, i] - component * errors[error, i]
+                parts[error, a, i] = q[a, error] * remainder
