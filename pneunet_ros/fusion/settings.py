@@ -33,6 +33,7 @@ class FusionSettings:
         2.0,
         'estimated noise above which it replaces that of the model; invented',
         unit='noise of the model',
+        source='sweep',
     )
     usual_gap: float = tuning(
         1.5,
@@ -75,7 +76,7 @@ class FusionSettings:
         25.0, 'misfit of a target to all others above which it is left out', unit='chi squared'
     )
     most_left_out: float = tuning(
-        0.3, 'largest share of the targets seen that the gate may leave out'
+        0.3, 'largest share of the targets seen that the gate may leave out', source='sweep'
     )
     frame_gate: float = tuning(
         4.0, 'NIS above which a frame is not used', unit='limit of the NIS of noise'
@@ -92,7 +93,10 @@ class FusionSettings:
         16.0, 'distance of two forces that are two solutions', unit='chi squared'
     )
     determined: float = tuning(
-        0.06, 'largest std of a component of the force that is published', unit='of the scale'
+        0.06,
+        'largest std of a component of the force that is published',
+        unit='of the scale',
+        source='sweep',
     )
     flat: float = tuning(
         2.0,
