@@ -1,7 +1,5 @@
 """60 recordings whose readings mean something else than their messages say, and right ones.
 
-Usage: python acceptance/wrong_readings.py [FOLDER]
-
 The recordings are the shipped ones and some of the virtual lab, changed message by message with
 numbers that are written here: nothing is shared with the judge, which is asked through `check`
 and `replay` as a user would. Printed is a line for each recording that was not named right first,
@@ -11,6 +9,7 @@ and how many right recordings were accused.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 import contextlib
 from dataclasses import replace
@@ -18,7 +17,6 @@ import io
 import json
 import math
 from pathlib import Path
-import sys
 import tempfile
 from typing import Any
 
@@ -243,5 +241,7 @@ def run(folder: Path) -> dict[str, int]:
 
 
 if __name__ == '__main__':
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('folder', nargs='?', type=Path, help='keep the recordings there')
     with tempfile.TemporaryDirectory() as made:
-        run(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(made))
+        run(parser.parse_args().folder or Path(made))
