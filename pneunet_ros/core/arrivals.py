@@ -106,6 +106,11 @@ class ArrivalOrder(Generic[Item]):
         return len(arrivals), arrivals[-1] - arrivals[0] if arrivals else 0
 
     @property
+    def span_ns(self) -> int:
+        """Time from the arrival of the first waiting message to that of the last."""
+        return self._waiting[-1].at_ns - self._waiting[0].at_ns if self._waiting else 0
+
+    @property
     def first_ns(self) -> int | None:
         """Arrival time of the first waiting message; None if none waits."""
         return self._waiting[0].at_ns if self._waiting else None

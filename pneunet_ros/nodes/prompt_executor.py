@@ -95,8 +95,9 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
 class Queue:
     """The messages of subscriptions of one node that share one order."""
 
-    def __init__(self, node: Any, order: ArrivalOrder[Call], patience_ns: int) -> None:
-        self.node, self.order, self.patience_ns = node, order, patience_ns
+    def __init__(self, node: Any, group: ImmediateGroup) -> None:
+        self.node, self.order, self.patience_ns = node, group.order, group.patience_ns
+        self.is_full = group.is_full
         self.subscriptions: list[Any] = []
         self.until_ns = 0
 
@@ -109,7 +110,7 @@ class Queue:
 
     def fill(self) -> None:
         """Receive all available messages, unless too many are waiting."""
-        if any(item.callback_group.is_full() for item in self.subscriptions):
+        if self.is_full():
             return
         found = True
         while found:  # until no message came meanwhile: it may be older than those received
@@ -387,7 +388,7 @@ def queues_of(nodes: Iterable[Any]) -> list[Queue]:
     for node in nodes:
         for item in filter(is_immediate, node.subscriptions):
             group = item.callback_group
-            queue = Queue(node, group.order, group.patience_ns)
+            queue = Queue(node, group)
             queues.setdefault(id(group.order), queue).subscriptions.append(item)
     return list(queues.values())
 

@@ -26,11 +26,12 @@ class FrameShedding:
     """Drops and counts frames while the backlog of pressures is too long.
 
     backlog: returns the number of waiting pressures, and the time span (ns) of their arrival;
-    timeout: returns how long (s) a reading may wait.
+    span: returns that of all waiting messages; timeout: returns how long (s) they may wait.
     """
 
     def __init__(self) -> None:
         self.backlog: Callable[[], tuple[int, int]] = lambda: (0, 0)
+        self.span: Callable[[], int] = lambda: 0
         self.timeout: Callable[[], float] = lambda: math.inf
         self.total = 0
         self._unreported = 0
@@ -61,12 +62,12 @@ class FrameShedding:
         return self._late
 
     def is_full(self) -> bool:
-        """Whether readings have been waiting for so long that no others are received.
+        """Whether messages have been waiting for so long that no others are received.
 
         Never before frames are dropped, nor while a reading still waits for one of its stamp.
         """
         longest_ns = max(self.timeout() * NANOSECONDS_PER_SECOND, LONGEST_BACKLOG_NS)
-        return self.backlog()[1] >= longest_ns
+        return self.span() >= longest_ns
 
     def sentence(self) -> str:
         """Report frames dropped since the last call, and readings that wait; empty if none."""

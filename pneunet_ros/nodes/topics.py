@@ -114,6 +114,7 @@ def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]
     """
     order = arrival_order(takes)
     node.shedding.backlog = partial(order.backlog, PRESSURE.name)
+    node.shedding.span = lambda: order.span_ns
     node.shedding.timeout = lambda: node.in_use()[1].input_timeout
     for sensor, take in takes.items():
         if sensor is TARGETS:

@@ -337,7 +337,7 @@ def test_a_wrong_block_is_one_sentence(tmp_path):
 def test_readings_wait_for_input_timeout_and_are_never_lost_before_frames(timeout, span, full):
     shedding = FrameShedding()
     shedding.timeout = lambda: timeout
-    shedding.backlog = lambda: (2, round(1e9 * span))
+    shedding.span = lambda: round(1e9 * span)
     assert shedding.is_full() is full
 
 
