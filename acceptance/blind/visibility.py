@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.diagnosis.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.fit.linearization import LinearizedRun
+from pneunet_ros.diagnosis.fit.refit import effect_direction, Refit, refit
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
-from pneunet_ros.diagnosis.linearization import LinearizedRun
-from pneunet_ros.diagnosis.refit import effect_direction, Refit, refit
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.lab.chain import equilibrium_shape
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.scenario import Scenario

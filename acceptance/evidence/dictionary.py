@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.law_errors import OpenLaws
-from pneunet_ros.diagnosis.refit import effect_direction, Refit
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
+from pneunet_ros.diagnosis.fit.refit import effect_direction, Refit
 from pneunet_ros.discovery.amplitude import Projection, Runs
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause

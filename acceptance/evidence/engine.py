@@ -12,27 +12,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.base_fit import fit_base
+from pneunet_ros.diagnosis.conclusion import conclude
 from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.decision import closest_notes, effect_probabilities
 from pneunet_ros.diagnosis.diagnosis import (
-    at_rest,
-    closest_notes,
-    conclude,
     considered_hypotheses,
-    effect_probabilities,
-    Investigation,
     is_settled,
     limits_of,
     linearize,
     unsettled,
-    UnsettledInvestigation,
-    Verdict,
-    with_tips,
 )
-from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.refit import refit
+from pneunet_ros.diagnosis.fit.base_fit import fit_base
+from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
+from pneunet_ros.diagnosis.fit.refit import refit
+from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SCORE_TEST, SELECTION
+from pneunet_ros.diagnosis.usable_frames import at_rest, with_tips
+from pneunet_ros.diagnosis.verdict import Verdict
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits
 from pneunet_ros.discovery.law import Law

@@ -16,8 +16,8 @@ from pneunet_ros.calibration.checks.held_out import Score
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.diagnosis.hypothesis import carries_time
-from pneunet_ros.diagnosis.lack_of_fit import worst_test
+from pneunet_ros.diagnosis.fit.hypothesis import carries_time
+from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LACK_OF_FIT, SELECTION
 from scipy.special import ndtr, stdtrit

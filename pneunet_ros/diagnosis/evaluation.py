@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score, score
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.lack_of_fit import LackOfFit, worst_test
 from pneunet_ros.diagnosis.result import Adequacy, Misfit
+from pneunet_ros.diagnosis.scores.lack_of_fit import LackOfFit, worst_test
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import coordinate_stds, target_std, target_stds

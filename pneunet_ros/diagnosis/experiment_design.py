@@ -9,9 +9,9 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
-from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.fit.linearization import KnownInputs, Linearization
+from pneunet_ros.diagnosis.fit.refit import effect_direction, linearize_all_runs, Refit
+from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.diagnosis.settings import EXPERIMENT_DESIGN, SCORE_TEST
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel

@@ -16,8 +16,10 @@ from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit, without_sw
 from pneunet_ros.calibration.motion_problem import DIFFERENCE_STEP
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.augmented_model import augment_model, fit_with_effects
 from pneunet_ros.diagnosis.evaluation import adequacy
+from pneunet_ros.diagnosis.fit.augmented_model import augment_model, fit_with_effects
+from pneunet_ros.diagnosis.fit.linearization import Linearization
+from pneunet_ros.diagnosis.fit.refit import effects_of
 from pneunet_ros.diagnosis.inertia import (
     detectable,
     is_known,
@@ -28,10 +30,8 @@ from pneunet_ros.diagnosis.inertia import (
     unloaded,
 )
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
-from pneunet_ros.diagnosis.lack_of_fit import worst_p_value
-from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.refit import effects_of
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
+from pneunet_ros.diagnosis.scores.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.selection import Record, Trial
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SELECTION
 from pneunet_ros.effects.camera_delay import CameraDelay

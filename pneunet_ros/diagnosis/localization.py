@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
 from pneunet_ros.diagnosis.settings import LOCALIZATION
 import scipy

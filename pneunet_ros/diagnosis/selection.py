@@ -8,18 +8,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.lack_of_fit import (
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.fit.law_errors import LawErrors, OpenLaws
+from pneunet_ros.diagnosis.fit.linearization import Linearization
+from pneunet_ros.diagnosis.fit.refit import linearize_all_runs, Refit, refit, settle, split_numbers
+from pneunet_ros.diagnosis.scores.lack_of_fit import (
     is_adequate,
     lack_of_fit_tests,
     LackOfFit,
     MapFunction,
 )
-from pneunet_ros.diagnosis.law_errors import LawErrors, OpenLaws
-from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.nonuniform_arm import log_probability_nonuniform, nonuniform_columns
-from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
-from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
+from pneunet_ros.diagnosis.scores.nonuniform_arm import (
+    log_probability_nonuniform,
+    nonuniform_columns,
+)
+from pneunet_ros.diagnosis.scores.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,

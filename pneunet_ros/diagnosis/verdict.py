@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.confirmation import Confirmer
-from pneunet_ros.diagnosis.lack_of_fit import worst_p_value, worst_test
 from pneunet_ros.diagnosis.result import Answer, Evaluation
+from pneunet_ros.diagnosis.scores.lack_of_fit import worst_p_value, worst_test
 from pneunet_ros.diagnosis.selection import Record, Selection, Trial
 
 

@@ -17,7 +17,7 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.generic_field import high_pass
-from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.fit.generic_field import high_pass
+from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.discovery.settings import COVARIATES
 from pneunet_ros.measurement.dataset import RecordingData
 

@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.diagnosis.conclusion import evaluate, take_back
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
-from pneunet_ros.diagnosis.diagnosis import evaluate, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
+from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
-from pneunet_ros.diagnosis.lack_of_fit import (
+from pneunet_ros.diagnosis.result import Estimated
+from pneunet_ros.diagnosis.scores.lack_of_fit import (
     compare_with_clean,
     is_adequate,
     TestedProblem,
     worst_test,
 )
-from pneunet_ros.diagnosis.law_errors import OpenLaws
-from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Trial
 from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED

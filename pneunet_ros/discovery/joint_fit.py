@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
-from pneunet_ros.diagnosis.refit import Refit, refit
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis, hypothesis
+from pneunet_ros.diagnosis.fit.refit import Refit, refit
 from pneunet_ros.diagnosis.selection import Selection, Trial
 from pneunet_ros.discovery.covariates import CONSTANT
 from pneunet_ros.discovery.kinds import Kind

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.discovery.amplitude import Columns, PerRunColumns, Projection, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, KINDS

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 from pneunet_ros.diagnosis.settings import SELECTION
 

@@ -20,7 +20,7 @@ from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.diagnosis.diagnosis import with_tips
+from pneunet_ros.diagnosis.usable_frames import with_tips
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings

@@ -11,7 +11,8 @@ from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.checks.left_out_levels import interpolated
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.diagnosis import diagnose, with_tips
+from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.usable_frames import with_tips
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_frame import find_base, in_base_frame
 from pneunet_ros.model.starting_arm import starting_arm

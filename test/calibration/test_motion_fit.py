@@ -17,7 +17,7 @@ from pneunet_ros.calibration.motion_fit import (
 from pneunet_ros.calibration.motion_problem import DIFFERENCE_STEP, MotionProblem
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.hypothesis import hypothesis
+from pneunet_ros.diagnosis.fit.hypothesis import hypothesis
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.motion import LabMotion

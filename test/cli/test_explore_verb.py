@@ -12,7 +12,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verbs import explore
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.diagnosis import take_back
+from pneunet_ros.diagnosis.conclusion import take_back
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.safe_set import SafeSet

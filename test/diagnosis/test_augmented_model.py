@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from pneunet_ros.diagnosis.augmented_model import describe_effects
+from pneunet_ros.diagnosis.fit.augmented_model import describe_effects
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 import pytest

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
-from pneunet_ros.diagnosis.base_fit import fit_base, has_uniform_curvature
+from pneunet_ros.diagnosis.fit.base_fit import fit_base, has_uniform_curvature
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature

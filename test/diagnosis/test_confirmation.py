@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
-from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.scores.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.selection import parameters_outside_prior, Record
 from pneunet_ros.diagnosis.settings import DEFAULTS
 import pytest

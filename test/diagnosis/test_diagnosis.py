@@ -12,17 +12,11 @@ from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis import base_fit as base
-from pneunet_ros.diagnosis.diagnosis import (
-    considered_hypotheses,
-    diagnose,
-    effect_probabilities,
-    is_settled,
-    notes_on_rest,
-    passes_alike,
-)
-from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.refit import refit
+from pneunet_ros.diagnosis.decision import effect_probabilities, notes_on_rest, passes_alike
+from pneunet_ros.diagnosis.diagnosis import considered_hypotheses, diagnose, is_settled
+from pneunet_ros.diagnosis.fit import base_fit as base
+from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
+from pneunet_ros.diagnosis.fit.refit import refit
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.diagnosis.selection import Record, Selection
 from pneunet_ros.diagnosis.settings import DEFAULTS, LINEARIZATION
@@ -108,7 +102,7 @@ def test_a_picture_that_is_a_little_tilted_is_no_finding(monkeypatch):
     answer = diagnose(frame(), [strings, ramp], [mix], seed=3)
     assert answer.answer == 'none'
     parallel = replace(LINEARIZATION, tilt=1e-9)
-    monkeypatch.setattr('pneunet_ros.diagnosis.linearization.LINEARIZATION', parallel)
+    monkeypatch.setattr('pneunet_ros.diagnosis.fit.linearization.LINEARIZATION', parallel)
     other = diagnose(frame(), [strings, ramp], [mix], seed=3)
     assert other.adequacy_before.p_value < 1e-3 * answer.adequacy_before.p_value
 
@@ -361,7 +355,7 @@ def test_what_passes_alike():
 def test_a_fit_that_stopped_before_its_end_has_not_settled(monkeypatch):
     assert is_settled(fitted())
     # No step lowers the cost, from round to round it stays what it is, and yet much is to gain.
-    monkeypatch.setattr('pneunet_ros.diagnosis.refit.MOST_HALVINGS', 0)
+    monkeypatch.setattr('pneunet_ros.diagnosis.fit.refit.MOST_HALVINGS', 0)
     stuck = refit(design('load_offset'), (), np.zeros(0), 2)
     assert stuck is not None
     assert stuck.settled

@@ -14,7 +14,7 @@ from pneunet_ros.diagnosis.experiment_design import (
     prior_end_factor,
     propose_experiment,
 )
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted

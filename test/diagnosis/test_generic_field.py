@@ -8,7 +8,7 @@ import functools
 import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.generic_field import (
+from pneunet_ros.diagnosis.fit.generic_field import (
     Fields,
     fields_of,
     high_pass,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pneunet_ros.diagnosis.augmented_model import direction_notes
+from pneunet_ros.diagnosis.fit.augmented_model import direction_notes
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect
 from pneunet_ros.model.gravity import gravity_of
 import pytest

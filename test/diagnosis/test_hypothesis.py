@@ -6,7 +6,7 @@ from dataclasses import fields
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis, hypothesis
+from pneunet_ros.diagnosis.fit.hypothesis import hypotheses, Hypothesis, hypothesis
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load, NO_TERMS, PressureScale, Terms

@@ -9,15 +9,15 @@ import pickle
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.lack_of_fit import (
+from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
+from pneunet_ros.diagnosis.fit.linearization import Linearization
+from pneunet_ros.diagnosis.fit.refit import linearize_all_runs
+from pneunet_ros.diagnosis.scores.lack_of_fit import (
     compare_with_clean,
     lack_of_fit_tests,
     LackOfFit,
     ScoreStatistic,
 )
-from pneunet_ros.diagnosis.law_errors import OpenLaws
-from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.refit import linearize_all_runs
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest

@@ -10,10 +10,11 @@ from pneunet_ros.calibration.motion_fit import MotionFit
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm
-from pneunet_ros.diagnosis.diagnosis import investigate, take_back
-from pneunet_ros.diagnosis.hypothesis import hypothesis
+from pneunet_ros.diagnosis.conclusion import take_back
+from pneunet_ros.diagnosis.diagnosis import investigate
+from pneunet_ros.diagnosis.fit.hypothesis import hypothesis
+from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.late_arm import with_late_arm
-from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate

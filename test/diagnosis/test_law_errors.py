@@ -7,10 +7,10 @@ import functools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests
-from pneunet_ros.diagnosis.law_errors import along_arm, LawErrors, OpenLaws
-from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.score_test import score_effects
+from pneunet_ros.diagnosis.fit.law_errors import along_arm, LawErrors, OpenLaws
+from pneunet_ros.diagnosis.fit.refit import Refit
+from pneunet_ros.diagnosis.scores.lack_of_fit import lack_of_fit_tests
+from pneunet_ros.diagnosis.scores.score_test import score_effects
 from pneunet_ros.diagnosis.settings import LAW_ERRORS
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest

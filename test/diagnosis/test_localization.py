@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.fit.refit import refit
 from pneunet_ros.diagnosis.localization import (
     collect_frames,
     describe_misfit,
@@ -17,7 +18,6 @@ from pneunet_ros.diagnosis.localization import (
     rising_to_falling_ratio,
     target_means,
 )
-from pneunet_ros.diagnosis.refit import refit
 from pneunet_ros.diagnosis.result import AXES, Axis
 from pneunet_ros.diagnosis.settings import LOCALIZATION
 import pytest

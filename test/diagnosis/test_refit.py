@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis import refit as refit_module
-from pneunet_ros.diagnosis.refit import effects_of, JointFit, refit, settle, split_numbers
+from pneunet_ros.diagnosis.fit import refit as refit_module
+from pneunet_ros.diagnosis.fit.refit import effects_of, JointFit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.settings import REFIT
 import pytest
 from support.lab_designs import asked, design, fitted, HIDDEN

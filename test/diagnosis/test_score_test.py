@@ -6,8 +6,8 @@ import functools
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.score_test import (
+from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
+from pneunet_ros.diagnosis.scores.score_test import (
     Candidate,
     detection_limits,
     effect_cosines,

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.diagnosis import selection
-from pneunet_ros.diagnosis.lack_of_fit import is_adequate, LackOfFit
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.scores.lack_of_fit import is_adequate, LackOfFit
+from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.diagnosis.selection import (
     choose_best,
     evidence_margin,

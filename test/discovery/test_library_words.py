@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pneunet_ros.diagnosis.hypothesis import hypotheses
+from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
 from pneunet_ros.discovery.covariates import MEANINGS
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.library_words import is_equivalent_to, LIBRARY_WORDS

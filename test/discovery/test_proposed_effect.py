@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.units import quantities
-from pneunet_ros.diagnosis.generic_field import high_pass
+from pneunet_ros.diagnosis.fit.generic_field import high_pass
 from pneunet_ros.discovery.covariates import (
     CONSTANT,
     Covariate,

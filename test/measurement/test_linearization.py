@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
+from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag

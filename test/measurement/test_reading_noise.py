@@ -8,10 +8,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from pneunet_ros.diagnosis import reading_noise
-from pneunet_ros.diagnosis.linearization import KnownInputs
-from pneunet_ros.diagnosis.reading_noise import with_more_noise, with_reading_noise
-from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.diagnosis.fit import reading_noise
+from pneunet_ros.diagnosis.fit.linearization import KnownInputs
+from pneunet_ros.diagnosis.fit.reading_noise import with_more_noise, with_reading_noise
+from pneunet_ros.diagnosis.fit.refit import Refit
 from support.lab_designs import asked, fitted
 
 

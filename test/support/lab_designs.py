@@ -13,10 +13,10 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.base_fit import fit_base
-from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
-from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
-from pneunet_ros.diagnosis.refit import Refit, refit
+from pneunet_ros.diagnosis.fit.base_fit import fit_base
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis, hypothesis
+from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizationPoint
+from pneunet_ros.diagnosis.fit.refit import Refit, refit
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate

@@ -88,8 +88,9 @@ def run(arguments: Namespace) -> int:
     """Read the recordings, diagnose, and write the results."""
     from pneunet_ros.cli.diagnose_summary import show, show_unsettled
     from pneunet_ros.cli.provenance import versions
-    from pneunet_ros.diagnosis.diagnosis import investigate, PARTS, with_tips
+    from pneunet_ros.diagnosis.diagnosis import investigate, PARTS
     from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
+    from pneunet_ros.diagnosis.usable_frames import with_tips
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
     from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis

@@ -16,7 +16,7 @@ from pneunet_ros.calibration.map_estimation import NONE, ScaledPrior
 from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
+from pneunet_ros.diagnosis.fit.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.dataset import RecordingData

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
-from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.diagnosis.fit.linearization import KnownInputs, Linearization
+from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.diagnosis.settings import READING_NOISE
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
-from pneunet_ros.diagnosis.refit import Refit, split_numbers
+from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizedRun
+from pneunet_ros.diagnosis.fit.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.settings import LAW_ERRORS
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel

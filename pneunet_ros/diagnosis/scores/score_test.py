@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.law_errors import OpenLaws
-from pneunet_ros.diagnosis.refit import effect_direction, Refit
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
+from pneunet_ros.diagnosis.fit.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SCORE_TEST
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel

@@ -10,8 +10,8 @@ import numpy as np
 from pneunet_ros.calibration.low_rank import covariance_root, low_rank, rounded
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.diagnosis.hypothesis import Coordinate
-from pneunet_ros.diagnosis.refit import Refit, split_numbers
+from pneunet_ros.diagnosis.fit.hypothesis import Coordinate
+from pneunet_ros.diagnosis.fit.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
 from pneunet_ros.diagnosis.settings import AUGMENTED_MODEL
 from pneunet_ros.effects.gravity import Gravity

@@ -15,8 +15,8 @@ import zlib
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.law_errors import OpenLaws
-from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
+from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
+from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
 import scipy
 

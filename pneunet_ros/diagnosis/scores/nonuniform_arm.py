@@ -14,8 +14,8 @@ import numpy as np
 from pneunet_ros.calibration.checks.nonuniformity import linear_departure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.fit.linearization import Linearization
+from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 LEAST_INFORMATION = 1e-300  # of an effect of which nothing is left

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.diagnosis.unread_frames import without_unread
+from pneunet_ros.diagnosis.usable_frames import without_unread
 from pneunet_ros.measurement.dataset import RecordingData
 from support.example_arms import paper_arm
 from support.refusals import refused

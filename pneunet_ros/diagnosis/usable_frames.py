@@ -1,4 +1,4 @@
-"""Removal of frames in which pressure or load changed between two readings.
+"""The frames of recordings that a diagnosis can use: of an arm at rest, with known readings.
 
 The error of linear interpolation between readings is treated as a reading error: a fit absorbs it
 along the tangent of the shape, as if it were normal. If it exceeds the noise of a reading, the
@@ -12,15 +12,79 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import missed_load, missed_pressure, shown_instants
+from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
 Flags = npt.NDArray[np.bool_]
+
+
+def with_tips(
+    model: Arm, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
+) -> tuple[Arm, list[RecordingData], list[RecordingData], tuple[str, ...]]:
+    """Return model and recordings with the tip as last target if only the tip was seen.
+
+    The fourth value describes the unused parts of the tip poses. Raises RecordingError if only the
+    heading was measured.
+    """
+    runs, notes = [*training, *held_out], tuple[str, ...]()
+    if all(run.tip_pose is None for run in runs):
+        return model, [*training], [*held_out], notes
+    if any(run.seen.any() for run in runs):
+        notes = (
+            Note(
+                'the measured pose of the tip (tip_pose) was not used: a diagnosis uses the '
+                'targets',
+                reason='tip_pose_unused',
+            ),
+        )
+    else:
+        targets = model.target_arclength.size
+        model, runs = with_tip_target(model, runs)
+        if not any(run.seen.any() for run in runs):
+            raise RecordingError(
+                'only the heading of the tip was measured, and a diagnosis needs positions: '
+                'measure the position of the tip or of a target as well (`calibrate` accepts '
+                'the heading alone)',
+                reason='heading_only',
+            )
+        if model.target_arclength.size > targets:
+            notes = (
+                Note(f'in the written models the tip is target {targets}', reason='tip_as_target'),
+            )
+        if any(run.heading is not None for run in runs):
+            notes = (*notes, Note('the heading of the tip was not used', reason='heading_unused'))
+    runs = [run.without_tip_pose() for run in runs]
+    count = len(training)
+    return model, runs[:count], runs[count:], notes
+
+
+def at_rest(
+    model: Arm,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    notes: tuple[str, ...],
+) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
+    """Return recordings without frames in motion; a note on these comes first.
+
+    Also returns these frames.
+
+    RecordingError if no training recording without a load is left.
+    """
+    kept, motion = without_motion(model, training, held_out)
+    if motion is None:
+        return kept[0], kept[1], notes, None
+    if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
+        raise RecordingError(
+            f'{motion.left_out}. Too few frames are left for a diagnosis', reason='in_motion'
+        )
+    return kept[0], kept[1], (motion.left_out, *notes), motion
 
 
 def without_unread(

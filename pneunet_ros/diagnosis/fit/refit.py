@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
+from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import REFIT
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel

@@ -1,0 +1,1 @@
+"""Fits of effects jointly with the model."""

@@ -1,0 +1,1 @@
+"""Whether a fit leaves more than noise, and which effects might explain it."""
