@@ -132,7 +132,8 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     second = max(others, key=lambda item: item.evidence)
     more = '' if second.adequate else ', but leaves more than noise'
     return (
-        f'{sentence}; the next best, {" + ".join(second.names)}, adds {second.evidence:.0f}{more}.'
+        f'{sentence}; of the others, {" + ".join(second.names)} adds most: '
+        f'{second.evidence:.0f}{more}.'
     )
 
 

@@ -17,7 +17,7 @@ def law_sentence(
     kind: Kind, location: Estimated | None, terms: Sequence[TermOfLaw], tied: Sequence[str]
 ) -> str:
     """Describe the kind of cause, its position, and the law of its amplitude."""
-    words = join_words([term_words(kind, item.name) for item in terms])
+    words = terms_words(kind, terms)
     sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
     return (
         f'{opening(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
@@ -46,7 +46,7 @@ def drift_sentence(
     kind: Kind, location: Estimated | None, terms: Sequence[TermOfLaw], tied: Sequence[str]
 ) -> str:
     """Describe a cause that depends on the time since the start of a recording."""
-    words = join_words([term_words(kind, item.name) for item in terms])
+    words = terms_words(kind, terms)
     return (
         f'{opening(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time '
         'since the start of a recording is not a sensor reading, so no model can use it.'
@@ -82,6 +82,15 @@ def tied_words(tied: Sequence[str]) -> str:
     subjects = [f'{name} ({KINDS[name].subject})' for name in tied[:MOST_TIED]]
     more = f' or {len(tied) - MOST_TIED} others' if len(tied) > MOST_TIED else ''
     return f' These recordings cannot tell it from {" or ".join(subjects)}{more}.'
+
+
+def terms_words(kind: Kind, terms: Sequence[TermOfLaw]) -> str:
+    """Return the words for an amplitude and all terms of its law; the verb stands once."""
+    words = [term_words(kind, item.name) for item in terms]
+    verb = 'depends on '
+    others = [word for word in words if not word.startswith(verb)]
+    depends = join_words([word.removeprefix(verb) for word in words if word.startswith(verb)])
+    return join_words([*others, *([verb + depends] if depends else [])])
 
 
 def join_words(words: Sequence[str]) -> str:

@@ -32,6 +32,12 @@ def test_a_law_is_said_with_place_size_and_rivals():
     )
 
 
+def test_two_terms_that_depend_on_something_share_the_verb():
+    terms = [term('p^2', 3e-10, '1/Pa^2'), term('p', 8e-6, '1/Pa')]
+    sentence = law_sentence(KINDS['section_stiffness'], PLACE, terms, ())
+    assert 'depends on the square of the pressure and the pressure (' in sentence
+
+
 def test_what_comes_out_of_the_equilibrium_has_words_of_its_own():
     terms = [term('moment at the clamp', 8.5, 'rad/(N m)')]
     sentence = law_sentence(KINDS['clamp_turn'], None, terms, ())

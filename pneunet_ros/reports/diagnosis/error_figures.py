@@ -29,6 +29,7 @@ WIDTH = 0.76  # of the bars of a recording, in all
 ARROW = 0.15  # of the length, about the longest error as it is drawn
 MAGNIFICATIONS = (1, 2, 5, 10, 25, 50, 100, 250)
 MOST_RECORDINGS = 8  # in a picture
+ADDED = ' Blue: with the added effect.'
 
 
 def errors_along_arm(data: FigureData) -> Picture | None:
@@ -65,7 +66,9 @@ def errors_along_arm(data: FigureData) -> Picture | None:
         '(a) From each measured target (dots) to its predicted position, in the frames that '
         'noise explains least. (b) All frames together: the grey band is the error that noise of '
         'targets, force and pressure alone would leave. Red: the given model, refitted; whatever '
-        'lies above the band is model error, shown along the arm. Blue: with the added effect.',
+        'lies above the band is model error, shown along the arm.'
+        + ADDED
+        * (len(data.models) > 1),
         figure,
     )
 

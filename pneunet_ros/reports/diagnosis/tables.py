@@ -260,14 +260,13 @@ def with_error(found: Estimated) -> str:
     if not (math.isfinite(found.std) and math.isfinite(found.value)) or found.std <= 0.0:
         return f'{found.value:.4g}{unit}'
     last = math.floor(math.log10(found.std)) - 1  # two digits of the error
-    if last >= -4 and abs(found.value) < 1e6:
-        places = max(-last, 0)
-        value, std = round(found.value, -last), round(found.std, -last)
-        return f'{value:.{places}f} ± {std:.{places}f}{unit}'
     scale = math.floor(math.log10(max(abs(found.value), found.std)))
+    if -4 < scale < 6:
+        scale = 0
     places = max(scale - last, 0)
-    value, std = found.value / 10.0**scale, found.std / 10.0**scale
-    return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
+    value, std = (round(item, -last) / 10.0**scale for item in (found.value, found.std))
+    text = f'{value:.{places}f} ± {std:.{places}f}'
+    return f'({text})e{scale}{unit}' if scale else f'{text}{unit}'
 
 
 def p_value_text(p_value: float) -> str:
