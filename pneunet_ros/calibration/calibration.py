@@ -26,11 +26,7 @@ from pneunet_ros.calibration.checks.consistency import (
 )
 from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, FramesInMotion
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
-from pneunet_ros.calibration.checks.left_out_levels import (
-    leave_levels_out,
-    LEFT_OUT,
-    LeftOutLevels,
-)
+from pneunet_ros.calibration.checks.left_out_levels import leave_levels_out, LeftOutLevels, LEVELS
 from pneunet_ros.calibration.checks.left_out_recordings import leave_recordings_out
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
@@ -288,7 +284,7 @@ def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
     if resolution.constant_pressure:
         return 2
     if not loaded:
-        left_out = LEFT_OUT.levels if resolution.free_shapes is not None else 0
+        left_out = LEVELS if resolution.free_shapes is not None else 0
         return 2 * (1 + left_out)
     if not compare or loaded == 1:
         return 5

@@ -39,6 +39,9 @@ SCANNED_FRAMES = 5  # per loaded run, in that search: CPU
 # Relative to the initial stiffness, tried first.
 STIFFNESS_FACTORS = (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4)
 COMPARED_FRAMES = 60  # per run, for the comparison of moment laws: CPU
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+UNIFORM = 1e3  # correlation length of a constant, in lengths
+FIRST_ALPHA = 0.05  # with which the search for the stiffness begins
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,13 +137,13 @@ class FitSequence:
         return Hyperparameters(
             amplitude=experiments.amplitude / length,
             std=experiments.std / length,
-            length_scale=experiments.uniform if self.uniform else experiments.length_scale,
+            length_scale=UNIFORM if self.uniform else experiments.length_scale,
         )
 
     @property
     def first_stiffness(self) -> float:
         """EI (N m^2) at the start of the search."""
-        return self.settings.experiments.first_stiffness * self.frame.weight * self.frame.length**2
+        return FIRST_ALPHA * self.frame.weight * self.frame.length**2
 
     def law(
         self, kind: str, stiffness: float, span: tuple[float, float] | None = None

@@ -24,6 +24,14 @@ STATIONS = 101  # along the arm, for means over it
 ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
 TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+DRAWS = 400  # simulated fleets for the threshold
+FEWEST_COMPARED = 12  # arms with a known value, for a comparison
+FEWEST_SHOWN = 2  # arms with a known value, for a figure
+REACHED = 0.75  # share of the arms that reach the pressure of the comparison
+SHRUNK = 0.1  # of correlations by medians, which are poor with few arms
+LEAST_SCATTER = 0.3  # error bars, of the initial scatter
+EVEN = 1e-4  # of the curvature: a spread along an arm that counts as zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,19 +41,10 @@ class FleetSettings:
     level: float = tuning(
         0.01, 'false-alarm probability per fleet of equal arms', source='convention'
     )
-    draws: int = tuning(400, 'simulated fleets for the threshold')
-    fewest: int = tuning(12, 'fewest arms with a known value for a comparison')
-    shown: int = tuning(2, 'fewest arms with a known value for a figure')
-    reached: float = tuning(0.75, 'share of the arms that reach the pressure of the comparison')
-    shrunk: float = tuning(0.1, 'shrinkage of median correlations, which are poor with few arms')
     counted: float = tuning(
         0.01,
         'probability of a deviation below which an arm is excluded from the center',
         source='convention',
-    )
-    least: float = tuning(0.3, 'initial scatter, at least', unit='error bar')
-    even: float = tuning(
-        1e-4, 'largest spread of the curvature along an arm that counts as zero', unit='curvature'
     )
 
 
@@ -113,7 +112,7 @@ class Fleet:
         compared = int(np.count_nonzero(np.isfinite(self.p_values)))
         if not compared:
             return (
-                f'No arm can be called odd: at least {FLEET.fewest} arms with a number '
+                f'No arm can be called odd: at least {FEWEST_COMPARED} arms with a number '
                 'in common are needed.'
             )
         if not self.odd:
@@ -144,7 +143,7 @@ class Fleet:
 def compared_pressure(arms: Sequence[Arm]) -> float:
     """Return the highest pressure (Pa) that most arms reach, at which they are compared."""
     tops = sorted((arm.pressure_range[1] for arm in arms), reverse=True)
-    return tops[max(int(np.ceil(FLEET.reached * len(tops))) - 1, 0)]
+    return tops[max(int(np.ceil(REACHED * len(tops))) - 1, 0)]
 
 
 def arm_numbers(arm: Arm, pressure: float, *, loaded: bool) -> ArmNumbers:
@@ -200,7 +199,7 @@ def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
     if pressure <= high:
         add('turning', f'turning angle {at}', 'rad', turning(pressure, share))
         table = curvature.curvature
-        if np.ptp(table, axis=1).max() > FLEET.even * np.abs(table).max():
+        if np.ptp(table, axis=1).max() > EVEN * np.abs(table).max():
             meaning = f'turning angle of the outer half {at}'
             add('turning_of_outer_half', meaning, 'rad', turning(pressure, outer))
     if loaded and low <= 0.5 * pressure <= high:
@@ -235,7 +234,7 @@ def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int =
         others are medians.
     """
     counts = Counter(number for item in arms.values() for number in item.values)
-    numbers = tuple(number for number, count in counts.items() if count >= FLEET.shown)
+    numbers = tuple(number for number, count in counts.items() if count >= FEWEST_SHOWN)
     values, covariance = table(list(arms.values()), numbers)
     stds = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     stds = np.where(np.isfinite(values), stds, np.nan)
@@ -243,7 +242,7 @@ def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int =
     p_values, chance = np.full((2, len(arms)), np.nan)
     if numbers:
         ((center,), (scatter,)) = center_and_scatter(values[None], stds**2)
-    compared = [which for which, item in enumerate(numbers) if counts[item] >= FLEET.fewest]
+    compared = [which for which, item in enumerate(numbers) if counts[item] >= FEWEST_COMPARED]
     if compared:
         some, errors = values[:, compared], covariance[:, compared][:, :, compared]
         ((middle,), (spread,), (chance,)) = distances(some[None], errors)
@@ -365,10 +364,10 @@ def robust_start(values: Array, covariance: Array) -> tuple[Array, Array]:
     center, width = center_and_scatter(values, variances)
     deviation = values - center[:, None]
     correlation = robust_correlation(deviation / np.sqrt(width[:, None] ** 2 + variances))
-    correlation = (1.0 - FLEET.shrunk) * correlation
-    correlation = correlation + FLEET.shrunk * np.eye(values.shape[2])
+    correlation = (1.0 - SHRUNK) * correlation
+    correlation = correlation + SHRUNK * np.eye(values.shape[2])
     # A scatter of zero would stay zero: medians of few arms are not that sure of it.
-    width = np.sqrt(width**2 + FLEET.least**2 * np.nanmedian(variances, axis=0))
+    width = np.sqrt(width**2 + LEAST_SCATTER**2 * np.nanmedian(variances, axis=0))
     return center, width[:, :, None] * correlation * width[:, None, :]
 
 
@@ -440,7 +439,7 @@ def simulate_smallest(
     """
     random = np.random.default_rng([seed, values.shape[0]])
     roots = [np.linalg.cholesky(with_jitter(one + scatter)) for one in covariance]
-    normal = random.standard_normal((FLEET.draws, *values.shape))
+    normal = random.standard_normal((DRAWS, *values.shape))
     drawn = center + np.einsum('aij,daj->dai', np.array(roots), normal)
     drawn = np.where(np.isfinite(values), drawn, np.nan)
     return np.asarray(np.nanmin(distances(drawn, covariance)[2], axis=1))

@@ -16,6 +16,8 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import HYPERPARAMETERS, ResolutionSettings
 from pneunet_ros.core.arrays import Array
 
+AMPLITUDES = (0.4, 0.8, 1.6)  # of the largest kappa_p0; idle in acceptance/sweep.py
+
 
 def most_likely_parameters(
     first: Fit,
@@ -50,7 +52,7 @@ def smoothnesses(
     """Yield parameters for every smoothness; the amplitude of kappa_p0 comes from a fit."""
     largest = float(np.max(np.abs(first.values[: parameters.cells])))
     for length_scale, std, size in itertools.product(
-        length_scales, HYPERPARAMETERS.stds, HYPERPARAMETERS.amplitudes
+        length_scales, HYPERPARAMETERS.stds, AMPLITUDES
     ):
         amplitude = size * largest
         yield replace(

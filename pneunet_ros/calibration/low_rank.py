@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
@@ -13,6 +12,7 @@ from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS, Placeme
 
 DIGITS = 6
 ROUNDING = 1e-12  # of a correlation
+COVARIANCE_FRAMES = 24  # of every run: more move no figure of acceptance/sweep.py
 
 
 def low_rank(
@@ -32,7 +32,7 @@ def low_rank(
         guessed = np.zeros((fit.values.size, 0))
     most -= guessed.shape[1]
     factor = covariance_root(fit.covariance)
-    count = EXPERIMENTS.covariance_frames
+    count = COVARIANCE_FRAMES
     shape_changes = shape_jacobian(fit, count) @ factor
     _, sizes, directions = np.linalg.svd(shape_changes, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))

@@ -28,6 +28,7 @@ import scipy
 
 MOST_STEPS = 25  # Gauss-Newton steps; a longer fit counts as not converged
 MOST_HALVINGS = 8  # of a step, to lower the cost
+NEARLY = 10.0  # sigma left to gain when no step helps: still accepted; idle in acceptance/sweep.py
 
 NONE = frozen_array(np.zeros(0))
 
@@ -230,7 +231,7 @@ def fit(
         ),
         End.UNFINISHED: 'no convergence within the allowed steps',
     }[search.end]
-    nearly = search.end is End.STUCK and search.gain < MAP_ESTIMATION.nearly
+    nearly = search.end is End.STUCK and search.gain < NEARLY
     converged = search.end is End.CONVERGED or nearly
     return finalize(posterior, search.last, search.steps, converged, status)
 

@@ -17,6 +17,8 @@ import scipy
 SPLIT_ROWS = 14
 KEPT = 64  # Jacobians of laws
 ALPHAS = 6  # parameters of both rigidities
+LEAST_SPLIT = 0.02  # l1 / l: a bound that no fit of acceptance/sweep.py reaches
+MOST_SPLIT = 0.9  # l1 / l, as well
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,14 +135,14 @@ class PiecewiseParameters(MomentLawParameters):
     def limits(self) -> tuple[Array, Array]:
         """The split has bounds."""
         low, high = np.full(self.mean.size, -np.inf), np.full(self.mean.size, np.inf)
-        low[ALPHAS:], high[ALPHAS:] = MOMENT_LAW.split_least, MOMENT_LAW.split_most
+        low[ALPHAS:], high[ALPHAS:] = LEAST_SPLIT, MOST_SPLIT
         return low, high
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
         """Eq 10 with these constants."""
         return PiecewiseLinearLaw(
             pressure=self.rows,
-            split=np.clip(values[ALPHAS:], MOMENT_LAW.split_least, MOMENT_LAW.split_most),
+            split=np.clip(values[ALPHAS:], LEAST_SPLIT, MOST_SPLIT),
             rigidity=self.weights @ values[:ALPHAS].reshape(2, 3).T,
             moment_offset=np.zeros((SPLIT_ROWS, 2)),
         )

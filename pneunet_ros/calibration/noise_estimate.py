@@ -20,6 +20,7 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.measurement.dataset import RecordingData, SIGMA_OF_MEDIAN
 from pneunet_ros.measurement.errors.rounding_error import rounding_std
+from pneunet_ros.measurement.row_order import ROW_ORDER
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
@@ -37,6 +38,13 @@ STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('t
 # Readings that may have steps coarser than their noise, and their unit.
 STEPPED = (('pressure', 'Pa'), ('force', 'N'), ('moment', 'N m'))
 SMALLEST = 1e-9  # smallest estimated standard deviation
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FEWEST_TARGETS = 8  # for a placement
+FREEDOM = 3  # targets in excess of the coefficients of the polynomial, at least
+FEWEST_LEVELS = 12  # of readings in visible steps
+REPEATS = 0.2  # share of readings in steps that repeat the last one
+OFF_GRID = 0.1  # of a step: decimals are rounded
+ON_GRID = 0.9  # share of the levels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,14 +237,14 @@ def resolution_of(series: Sequence[Array]) -> float:
 def grid_step(values: Array) -> float:
     """Return the grid spacing of values (values,); 0 if there is none."""
     levels = np.unique(values)
-    if levels.size < NOISE_ESTIMATE.fewest_levels or not np.any(values[1:] == values[:-1]):
+    if levels.size < FEWEST_LEVELS or not np.any(values[1:] == values[:-1]):
         return 0.0
-    if float(np.mean(values[1:] == values[:-1])) < NOISE_ESTIMATE.repeats:
+    if float(np.mean(values[1:] == values[:-1])) < REPEATS:
         return 0.0
     gaps = np.diff(levels)
     step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
-    on_grid = np.abs(gaps / step - np.round(gaps / step)) < NOISE_ESTIMATE.off_grid
-    return step if np.mean(on_grid) >= NOISE_ESTIMATE.on_grid else 0.0
+    on_grid = np.abs(gaps / step - np.round(gaps / step)) < OFF_GRID
+    return step if np.mean(on_grid) >= ON_GRID else 0.0
 
 
 def with_step(
@@ -394,12 +402,12 @@ def placement(
     often = np.isfinite(frames[:, 0]).mean(axis=0) > NOISE_ESTIMATE.often
     arclength, frames = arclength[often], frames[:, :, often]
     complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
-    if arclength.size < NOISE_ESTIMATE.fewest_targets or len(complete) < NOISE_ESTIMATE.fewest:
+    if arclength.size < FEWEST_TARGETS or len(complete) < NOISE_ESTIMATE.fewest:
         return None
     chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
     count = max(NOISE_ESTIMATE.fewest, round(NOISE_ESTIMATE.straightest * len(complete)))
     mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
-    degree = min(NOISE_ESTIMATE.smooth_degree, arclength.size - NOISE_ESTIMATE.freedom - 1)
+    degree = min(NOISE_ESTIMATE.smooth_degree, arclength.size - FREEDOM - 1)
     smooth = np.polynomial.chebyshev.chebvander(2.0 * arclength / arclength[-1] - 1.0, degree)
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
     residual = mean.T - smooth @ coefficients
@@ -416,7 +424,7 @@ def camera(
     Both are estimated from few values, and their variance beyond the white noise may be zero by
     chance: it is at least its own standard error.
     """
-    if arclength.size == 0 or arclength[0] > NOISE_ESTIMATE.at_clamp * arclength[-1]:
+    if arclength.size == 0 or arclength[0] > ROW_ORDER.at_clamp * arclength[-1]:
         return None, None
     means_of_runs, squared_steps, white_squares = [], [], []
     for run in runs:

@@ -17,33 +17,9 @@ class PreconditionSettings:
     declared: declared meaning of the pressure readings, to be judged; None: it is right.
     """
 
-    fewest_frames: int = tuning(3, 'fewest frames, of all recordings together')
-    fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
-    smallest_motion: float = tuning(0.0045, 'least motion of the tip', unit='length')
-    unloaded_force: float = tuning(
-        0.12, 'largest force of an unloaded recording, as by the offset of a sensor', unit='weight'
-    )
-    largest_pressure: float = tuning(1e6, 'largest plausible gauge pressure', unit='Pa')
     declared: PressureConvention | None = GAUGE_PASCALS
-    bending_motion: float = tuning(
-        0.05, 'motion of the tip that shows a pressure of more than a few Pa', unit='length'
-    )
-    largest_force: float = tuning(100.0, 'largest plausible force on an arm', unit='weight')
     longest: float = tuning(
         1.3, 'largest distance from the clamp to a target', unit='length', source='sweep'
-    )
-    nearest: float = tuning(
-        0.02, 'least distance from the clamp to the last target', unit='length'
-    )
-    shortest_row: float = tuning(
-        0.5,
-        'the row of targets where it looks longest: chords are shorter than arcs; invented',
-        unit='length',
-    )
-    hanging_motion: float = tuning(
-        0.25,
-        'motion without load at constant pressure that is more than creep; invented',
-        unit='length',
     )
 
 
@@ -51,18 +27,6 @@ class PreconditionSettings:
 class SameArmSettings:
     """Criteria for recordings of one arm: one unloaded shape per pressure."""
 
-    same_pressure: float = tuning(0.01, 'tolerance of an equal pressure', unit='largest pressure')
-    another_time: float = tuning(
-        0.2, 'time after which a frame at the same pressure shows the history', unit='recording'
-    )
-    fewest_pairs: int = tuning(5, 'fewest pairs of frames at the same pressure')
-    rest: float = tuning(1.0, 'rest after which a pressure line is filled', unit='s')
-    clocks: float = tuning(
-        0.25,
-        'rest required after a frame: a film may be early by as much',
-        unit='s',
-        source='the prior of camera_delay, 0.2 s, and a frame',
-    )
     two_arms: float = tuning(0.03, 'least difference of two arms', unit='length')
     two_arms_unknown: float = tuning(
         0.06, 'the same, if no recording shows the effect of history', unit='length'
@@ -107,19 +71,12 @@ class NoiseEstimateSettings:
         unit='length',
         source='measured: 5e-6 where a film has 4e-5; rounded up',
     )
-    at_clamp: float = tuning(
-        0.01,
-        'distance from the clamp within which a target does not move with the arm',
-        unit='length',
-    )
     blocks: int = tuning(
         8, 'blocks of a run whose means show the drift of the camera', source='sweep'
     )
     smooth_degree: int = tuning(
         6, 'largest degree of the polynomial along a straight arm', source='sweep'
     )
-    fewest_targets: int = tuning(8, 'for a placement')
-    freedom: int = tuning(3, 'targets in excess of the coefficients of the polynomial, at least')
     many_targets: int = tuning(
         12, 'that can resolve a small placement, and equal noise', source='sweep'
     )
@@ -147,12 +104,6 @@ class NoiseEstimateSettings:
         unit='way to the last target',
         source='invented: twice that of the virtual lab',
     )
-    fewest_levels: int = tuning(12, 'fewest levels of a sensor with visible quantization')
-    repeats: float = tuning(
-        0.2, 'share of repeated readings of a coarse sensor', source='invented'
-    )
-    off_grid: float = tuning(0.1, 'tolerance of the grid, for rounded decimals', unit='step')
-    on_grid: float = tuning(0.9, 'share of the levels of a quantized sensor that lie on the grid')
     differs: float = tuning(
         2.5, 'ratio to the stated noise from which a difference is reported', source='sweep'
     )
@@ -172,7 +123,7 @@ class ResolutionSettings:
 
     knots: int = tuning(11, 'most knots of kappa_p0 along the arm', source='sweep')
     resolved_gap: float = tuning(
-        0.05, 'distance between targets that resolve two features', unit='length'
+        0.05, 'distance between targets that resolve two features', unit='length', source='sweep'
     )
     noise_span: float = tuning(
         8.0, 'difference above which pressures, or loads, count as distinct', unit='sigma'
@@ -212,18 +163,15 @@ class ExperimentSettings:
     length_scale: float = tuning(
         0.18, 'correlation length of kappa_p0', unit='length', source='sweep'
     )
-    uniform: float = tuning(1e3, 'correlation length of a constant', unit='length')
     outliers: float = tuning(
         0.002, 'share of readings outside the range at either end', unit='share', source='sweep'
     )
     first_frames: int = tuning(40, 'frames of every run for the first search', source='sweep')
-    first_stiffness: float = tuning(0.05, 'initial alpha of the search')
     most_frames: int = tuning(
         5400,
         'most frames of all recordings that are fitted, spread over time and course',
         source='measured: 0.27 MB a frame, so that an hour of film stays below 2 GB',
     )
-    covariance_frames: int = tuning(24, 'frames of every run for the low-rank covariance')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,7 +190,6 @@ class HyperparameterSettings:
         unit='amplitude',
         source='sweep',
     )
-    amplitudes: tuple[float, ...] = tuning((0.4, 0.8, 1.6), 'amplitude', unit='largest kappa_p0')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,8 +207,6 @@ class MomentLawSettings:
     split_scale: float = tuning(
         0.5, 'correlation length of rows', unit='range of pressure', source='sweep'
     )
-    split_least: float = tuning(0.02, 'l1 / l')
-    split_most: float = tuning(0.9, 'l1 / l')
     bow_std: float = tuning(
         0.03, 'relative std of the bow of alpha, in the middle of the range', source='sweep'
     )
@@ -274,7 +219,6 @@ class MapEstimationSettings:
     small_step: float = tuning(
         0.05, 'size of a step at which the fit has converged', unit='sigma', source='sweep'
     )
-    nearly: float = tuning(10.0, 'remaining gain when no step helps: still accepted', unit='sigma')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,36 +254,12 @@ class StiffnessVariationSettings:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SteadyStateSettings:
-    """Criteria for steady states of a run, and for holds."""
-
-    share_of_span: float = tuning(
-        0.01, 'share of the range that a steady state may span', unit='largest reading'
-    )
-    noise_span: float = tuning(8.0, 'that readings of one value may span', unit='sigma')
-    hold_share: float = tuning(0.3, 'least duration of a hold, relative to the longest state')
-    fewest_holds: int = tuning(4, 'fewest holds for using holds alone')
-    covered: float = tuning(0.8, 'share of the pressures that holds must span')
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TipForceSettings:
-    """Stopping criteria of the search for an end force, and when that force is determined."""
-
-    largest_step: float = tuning(0.6, 'largest step of a component', unit='weight')
-    largest_sigma: float = tuning(
-        60.0, 'standard error beyond which a force is not determined', unit='weight'
-    )
-
-
 PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()
 NOISE_ESTIMATE, EXPERIMENTS = NoiseEstimateSettings(), ExperimentSettings()
 STIFFNESS_VARIATION = StiffnessVariationSettings()
 RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
-STEADY_STATES, TIP_FORCE = SteadyStateSettings(), TipForceSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.calibration.settings import TIP_FORCE
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.covariance import Whitening
@@ -22,6 +21,9 @@ ERROR_STEPS = (0, 3)  # at which the model errors are evaluated: they change lit
 MOST_STEPS = 30  # Gauss-Newton steps; forces that have not converged are withheld
 LEAST_SHARE = 0.05  # smallest relaxation factor, if steps oscillate
 SMALL_STEP = 1e-4  # sigma of the force: convergence
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+LARGEST_STEP = 0.6  # of a component, of the weight
+LARGEST_SIGMA = 60.0  # of the weight: beyond it a force is not determined
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,7 +69,7 @@ def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndFo
     active = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
     errors = np.zeros((0, seen.shape[1], 0))
     factors, previous_step = np.ones(frames), np.zeros((frames, 2))
-    largest_sigma = TIP_FORCE.largest_sigma * arm.weight
+    largest_sigma = LARGEST_SIGMA * arm.weight
     for count in range(MOST_STEPS):
         if active.size == 0:
             break
@@ -91,7 +93,7 @@ def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndFo
         largest = np.maximum(np.abs(step).max(axis=1), 1e-12 * arm.weight)
         share = np.minimum(
             relaxation(step, previous_step[active], factors[active]),
-            TIP_FORCE.largest_step * arm.weight / largest,
+            LARGEST_STEP * arm.weight / largest,
         )
         loads[active, :2] += share[:, None] * step
         factors[active], previous_step[active] = share, step

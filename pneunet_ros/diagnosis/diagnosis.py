@@ -9,8 +9,8 @@ from functools import partial
 
 from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.elongation import without_fitted
+from pneunet_ros.calibration.map_estimation import NEARLY
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import MAP_ESTIMATION
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.core.settings import check_changeable
@@ -191,7 +191,7 @@ def is_settled(fit: Refit) -> bool:
     Convergence of the cost is not required: if the model lacks a strong effect, the cost may
     change from one linearization to the next.
     """
-    nearly = 0.5 * MAP_ESTIMATION.nearly**2
+    nearly = 0.5 * NEARLY**2
     return fit.gain < nearly or has_ended(fit)
 
 

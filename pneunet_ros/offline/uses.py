@@ -14,8 +14,9 @@ from pneunet_ros.calibration.checks.preconditions import (
     check_targets,
     check_units,
     largest_force,
+    UNLOADED_FORCE,
 )
-from pneunet_ros.calibration.settings import judging, PRECONDITIONS
+from pneunet_ros.calibration.settings import judging
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
@@ -145,7 +146,7 @@ def uses(
         find_series(recording, PRESSURE, overrides)
         run, found = in_base()
         arm, (data,) = with_tip_target(request.arm, [run])
-        idle = PRECONDITIONS.unloaded_force * arm.weight
+        idle = UNLOADED_FORCE * arm.weight
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(
                 f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'

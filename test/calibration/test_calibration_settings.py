@@ -36,7 +36,7 @@ def test_what_is_not_the_default_is_said():
     [
         replace(DEFAULTS, fixed=replace(DEFAULTS.fixed, selection=EASIER)),
         replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, fewest_in_time=3)),
-        replace(CALIBRATION, experiments=replace(EXPERIMENTS, covariance_frames=7)),
+        replace(CALIBRATION, experiments=replace(EXPERIMENTS, first_frames=7)),
     ],
 )
 def test_a_change_that_would_have_no_effect_is_refused(settings):

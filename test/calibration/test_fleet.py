@@ -11,7 +11,6 @@ from pneunet_ros.calibration.fleet import (
     ArmNumbers,
     compare_arms,
     compared_pressure,
-    FLEET,
     Fleet,
     mean_stiffness,
 )
@@ -27,7 +26,7 @@ CORRELATED = np.linalg.cholesky(0.9 + 0.1 * np.eye(3))
 @pytest.fixture(autouse=True)
 def fast(monkeypatch):
     """Simulate fewer fleets."""
-    monkeypatch.setattr('pneunet_ros.calibration.fleet.FLEET', replace(FLEET, draws=150))
+    monkeypatch.setattr('pneunet_ros.calibration.fleet.DRAWS', 150)
 
 
 def fleet(

@@ -8,7 +8,6 @@ import numpy as np
 from pneunet_ros.calibration.map_estimation import fit, Posterior
 from pneunet_ros.calibration.moment_law_parameters import ALPHAS, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
-from pneunet_ros.calibration.settings import MOMENT_LAW
 from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import paper_arm
@@ -73,8 +72,7 @@ def test_the_truth_of_exact_runs_is_found():
 def test_a_split_that_must_not_be_as_small_as_it_is_stands_at_its_bound(monkeypatch):
     _, arm = representable()
     least = float(arm.moment_law.split.max()) + 0.02
-    bounds = replace(MOMENT_LAW, split_least=least)
-    monkeypatch.setattr('pneunet_ros.calibration.moment_law_parameters.MOMENT_LAW', bounds)
+    monkeypatch.setattr('pneunet_ros.calibration.moment_law_parameters.LEAST_SPLIT', least)
     some = parameters()
     runs = [run for group in experiments(arm, frames=16) for run in group]
     found = fit(some, runs, HARDLY_ANY, arm.target_arclength)

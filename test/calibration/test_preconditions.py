@@ -15,7 +15,7 @@ from pneunet_ros.calibration.checks.consistency import (
 )
 from pneunet_ros.calibration.checks.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CONSISTENCY, judging
+from pneunet_ros.calibration.settings import judging
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_lag import PressureLag
@@ -167,7 +167,7 @@ def test_a_line_that_fills_slowly_is_no_other_arm(monkeypatch):
     top = float(levels.max())
     rested = tip_distance(one, other, top)
     with monkeypatch.context() as anywhere:
-        anywhere.setattr(consistency, 'CONSISTENCY', replace(CONSISTENCY, rest=0.0))
+        anywhere.setattr(consistency, 'REST', 0.0)
         moving = tip_distance(one, other, top)
     assert moving is not None
     assert rested is not None
@@ -185,7 +185,7 @@ def test_a_film_whose_stamps_are_early_shows_no_other_arm(monkeypatch):
     early = [replace(run, x=np.roll(run.x, -1, 0), y=np.roll(run.y, -1, 0)) for run in made_runs]
     top = float(levels.max())
     with monkeypatch.context() as at_once:
-        at_once.setattr(consistency, 'CONSISTENCY', replace(CONSISTENCY, clocks=0.0))
+        at_once.setattr(consistency, 'EARLY', 0.0)
         without = tip_distance(*early, top)
     assert without is not None
     assert without > 0.06 * PAPER.length

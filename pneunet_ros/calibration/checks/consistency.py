@@ -16,6 +16,13 @@ from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.linearization import FittedRun
 
+# Frames at one pressure; halved or doubled, they move no figure of acceptance/sweep.py.
+SAME_PRESSURE = 0.01  # of the largest
+ANOTHER_TIME = 0.2  # of a recording: frames so far apart show the history of the arm
+FEWEST_PAIRS = 5  # of frames at one pressure
+REST = 1.0  # s, after which a pressure line is filled
+EARLY = 0.25  # s by which a film may be early: the prior of camera_delay, and a frame
+
 
 def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     """Raise RecordingError, with both names, if unloaded recordings show different arms.
@@ -53,20 +60,16 @@ def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float 
     found, resting = list[Array](), list[npt.NDArray[np.bool_]]()
     for frame in range(len(one.stamp_ns)):  # all pairs at once do not fit into the memory
         pressure_change = np.abs(other.frame_pressure - one.frame_pressure[frame])
-        pairs = pressure_change < CONSISTENCY.same_pressure * top
+        pairs = pressure_change < SAME_PRESSURE * top
         if one is other:
-            pairs &= np.abs(one.progress - one.progress[frame]) > CONSISTENCY.another_time
+            pairs &= np.abs(one.progress - one.progress[frame]) > ANOTHER_TIME
         distance = np.hypot(*(first[:, frame, None] - second))
         pairs &= np.isfinite(distance)
         found.append(distance[pairs])
         resting.append(rested[0][frame] & rested[1][pairs])
     distance, resting_pair = np.concatenate(found), np.concatenate(resting)
-    distance = (
-        distance[resting_pair] if resting_pair.sum() >= CONSISTENCY.fewest_pairs else distance
-    )
-    return (
-        float(np.percentile(distance, 90.0)) if distance.size >= CONSISTENCY.fewest_pairs else None
-    )
+    distance = distance[resting_pair] if resting_pair.sum() >= FEWEST_PAIRS else distance
+    return float(np.percentile(distance, 90.0)) if distance.size >= FEWEST_PAIRS else None
 
 
 def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
@@ -78,10 +81,7 @@ def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
     if run.static:
         return np.ones(len(run.stamp_ns), np.bool_)
     stamps = run.reading_stamp_ns
-    before, after = (
-        round(seconds * NANOSECONDS_PER_SECOND)
-        for seconds in (CONSISTENCY.rest, CONSISTENCY.clocks)
-    )
+    before, after = (round(seconds * NANOSECONDS_PER_SECOND) for seconds in (REST, EARLY))
     first, last = (
         np.searchsorted(stamps, stamps - before),
         np.searchsorted(stamps, stamps + after),
@@ -91,9 +91,7 @@ def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
     ]
     shown = stamps[run.reading]
     known = (shown - stamps[0] >= before) & (stamps[-1] - shown >= after)
-    rested: npt.NDArray[np.bool_] = known & (
-        np.array(swing) < 2.0 * CONSISTENCY.same_pressure * top
-    )
+    rested: npt.NDArray[np.bool_] = known & (np.array(swing) < 2.0 * SAME_PRESSURE * top)
     return rested
 
 

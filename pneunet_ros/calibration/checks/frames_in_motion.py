@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.preconditions import check_runs
 from pneunet_ros.calibration.noise_estimate import RESTS, white_of_targets
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, EXPERIMENTS
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
@@ -37,9 +37,9 @@ FEWEST = NUMBERS + 3  # frames in a window
 PERIODS = 1.5  # per window of the search: no cubic can follow so much of a vibration
 FREQUENCIES = 48  # tried
 RATIOS = (0.02, 0.05, 0.1, 0.2)  # damping ratios, tried
-# Stiffness of the softest arm, of that (alpha) where a search for it begins: such an arm would
-# bend under its own weight, in the plane, by 25 times its length if it stayed linear.
-SOFTEST = 0.1
+# Stiffness (alpha) of the softest arm, a tenth of that where a search for it begins: such an arm
+# would bend under its own weight, in the plane, by 25 times its length if it stayed linear.
+SOFTEST = 0.005
 CANTILEVER = 3.516  # frequency of its first mode, of sqrt(B / (m l^3))
 # Time constants of two decays, in windows: an arm that creeps, or lags behind its pressure.
 DECAYS = ((0.05, 0.2), (0.1, 0.4), (0.2, 0.8), (0.4, 1.6))
@@ -259,8 +259,7 @@ def in_noise_units(values: Array) -> Array:
 
 def slowest_period(length: float) -> float:
     """Return the longest plausible swing period (s) of an arm of this length (m)."""
-    alpha = SOFTEST * EXPERIMENTS.first_stiffness
-    return 2.0 * math.pi / (CANTILEVER * math.sqrt(alpha * STANDARD_GRAVITY / length))
+    return 2.0 * math.pi / (CANTILEVER * math.sqrt(SOFTEST * STANDARD_GRAVITY / length))
 
 
 def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration | None:

@@ -19,7 +19,6 @@ from pneunet_ros.calibration.low_rank import jacobian_at
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -32,28 +31,12 @@ import scipy
 
 Places = npt.NDArray[np.complex128]
 SAME_LEVEL = 0.003  # of the pressure range: closer readings are averaged
+# By convention. No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+LEVELS = 10  # most groups of pressures: tenfold cross-validation
+FEWEST_LEVELS = 4  # the first, the last and two between
+FRAMES = 300  # of all runs: seconds of CPU
+AS_WELL = 1.1  # ratio of errors of predictions that do as well
 Refit = Callable[[Sequence[RecordingData]], Fit]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOutSettings:
-    """Settings of the cross-validation over pressures, and of the comparison with baselines."""
-
-    levels: int = tuning(
-        10, 'most groups of pressures', source='convention: tenfold cross-validation'
-    )
-    fewest: int = tuning(
-        4, 'fewest groups of pressures', source='convention: the first, the last and two between'
-    )
-    frames: int = tuning(300, 'most frames of all runs', source='convention: seconds of CPU')
-    as_well: float = tuning(
-        1.1,
-        'largest ratio of the error to that of a baseline',
-        source='convention: a tenth is negligible',
-    )
-
-
-LEFT_OUT = LeftOutSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,7 +55,7 @@ class LeftOutLevels:
     changed: float
     excess: Array
     is_angle: bool
-    limit: float = LEFT_OUT.as_well
+    limit: float = AS_WELL
 
     @property
     def better(self) -> str:
@@ -118,17 +101,17 @@ def leave_levels_out(
     runs: unloaded; full: the fit to all of them; refit: fits other runs. None if there are too few
     pressures, or if the tip is not seen.
     """
-    share = max(LEFT_OUT.frames // len(runs), 1)
+    share = max(FRAMES // len(runs), 1)
     runs = [run.thin(share) for run in runs]
     pressure = np.concatenate([run.frame_pressure for run in runs])
-    part = parts_of(pressure, LEFT_OUT.levels)
+    part = parts_of(pressure, LEVELS)
     arm, count = full.parameters.frame, int(part.max()) + 1
     tip = np.concatenate([run.x[:, -1] + 1j * run.y[:, -1] for run in runs])
     turn, with_turn = tip_turns(runs, arm)
     is_angle = not np.isfinite(tip).any()
     measured, known = (turn, with_turn) if is_angle else (tip, np.isfinite(tip))
     inner = [index for index in range(1, count - 1) if known[part == index].any()]
-    if len(inner) < LEFT_OUT.fewest - 2:
+    if len(inner) < FEWEST_LEVELS - 2:
         return None
     curvature = turn / arm.reach
     if not is_angle:

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.calibration.low_rank import jacobian_at, run_inputs
+from pneunet_ros.calibration.low_rank import COVARIANCE_FRAMES, jacobian_at, run_inputs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -55,7 +54,7 @@ def leave_recordings_out(full: Fit, without: Sequence[Fit]) -> LeftOutRecordings
     squared_change, expected, changes = 0.0, 0.0, list[Array]()
     tip = np.array([0.0, full.arm.reach])
     for left_out, fitted in zip(full.runs[-len(without) :], without, strict=True):
-        inputs = run_inputs(left_out, EXPERIMENTS.covariance_frames)
+        inputs = run_inputs(left_out, COVARIANCE_FRAMES)
         points, solved_by_both = [], np.ones(len(inputs.pressure), dtype=np.bool_)
         for fit in (full, fitted):
             model = ForwardModel(tip)

@@ -15,15 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import legendre
-from pneunet_ros.calibration.low_rank import shape_jacobian
+from pneunet_ros.calibration.low_rank import COVARIANCE_FRAMES, shape_jacobian
 from pneunet_ros.calibration.parameters import correlation, Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import (
-    CONSISTENCY,
-    EXPERIMENTS,
-    RESOLUTION,
-    ResolutionSettings,
-)
+from pneunet_ros.calibration.settings import CONSISTENCY, RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
@@ -82,7 +77,7 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
 def shape_std(fit: Fit) -> tuple[float, float]:
     """Return the largest standard error (m) of the position of the centerline, and its s / l."""
     places = fit.arm.length * fit.parameters.arclength
-    jacobian = shape_jacobian(fit, EXPERIMENTS.covariance_frames, places)
+    jacobian = shape_jacobian(fit, COVARIANCE_FRAMES, places)
     variance = np.einsum('ij,jk,ik->i', jacobian, fit.covariance, jacobian)
     total = variance.reshape(-1, 2, places.size).sum(axis=1)
     worst = int(np.argmax(total.max(axis=0)))

@@ -27,6 +27,19 @@ from pneunet_ros.measurement.pressure_judge import (
 from pneunet_ros.measurement.row_order import clamp_motion, end_turns, numbered_from_tip, ROW_ORDER
 from pneunet_ros.model.arm import Arm
 
+# Recordings with another unit, arm or sensor are far beyond these, others far within.
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FEWEST_FRAMES = 3  # of all recordings together
+FEWEST_TARGETS = 4  # seen somewhere in a recording
+SMALLEST_MOTION = 0.0045  # of the tip, of the length
+UNLOADED_FORCE = 0.12  # of the weight: the offset of a force sensor
+LARGEST_PRESSURE = 1e6  # Pa, gauge
+BENDING_MOTION = 0.05  # of the tip, of the length: more than a few Pa
+LARGEST_FORCE = 100.0  # of the weight
+NEAREST_TIP = 0.02  # from the clamp to the last target, of the length
+SHORTEST_ROW = 0.5  # of its length, where it looks longest: chords are shorter than arcs
+HANGING_MOTION = 0.25  # at constant pressure, of the length: more than creep
+
 
 def check_runs(
     unloaded: Sequence[RecordingData],
@@ -62,10 +75,10 @@ def check_runs(
             reason='no_pressure',
         )
     frames = sum(len(run.stamp_ns) for run in runs)
-    if first and frames < PRECONDITIONS.fewest_frames:
+    if first and frames < FEWEST_FRAMES:
         raise RecordingError(
             f'{names_of(runs)}: {frames} frames with targets and a pressure; all recordings '
-            f'together need at least {PRECONDITIONS.fewest_frames}',
+            f'together need at least {FEWEST_FRAMES}',
             reason='too_few_frames',
         )
     for run in runs:
@@ -107,7 +120,7 @@ def check_loads(run: RecordingData, arm: Arm) -> None:
             'after --unloaded',
             reason='not_loaded',
         )
-    if float(np.max(np.abs(run.force))) > PRECONDITIONS.largest_force * arm.weight:
+    if float(np.max(np.abs(run.force))) > LARGEST_FORCE * arm.weight:
         raise RecordingError(
             f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
             f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)',
@@ -117,7 +130,7 @@ def check_loads(run: RecordingData, arm: Arm) -> None:
 
 def check_bending(runs: Sequence[RecordingData], arm: Arm) -> None:
     """Raise RecordingError if the targets stay in one place under all loads."""
-    if motion(runs, arm.reach) < PRECONDITIONS.smallest_motion * arm.length:
+    if motion(runs, arm.reach) < SMALLEST_MOTION * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they cannot determine the moment '
             'law; change the pressure or the load, within a recording or from one to the next',
@@ -151,12 +164,12 @@ def check_pressures(
     names = names_of(unloaded)
     largest_motion = max(motion([run], arm.reach) for run in unloaded)
     if declared is not None:
-        bends = largest_motion > PRECONDITIONS.bending_motion * arm.length
+        bends = largest_motion > BENDING_MOTION * arm.length
         check_meaning(pressures, declared, names, arm, moves=bends)
     for run in unloaded:
         moves = motion([run], arm.reach)
         is_constant = np.ptp(run.frame_pressure) < tolerance
-        if is_constant and moves > PRECONDITIONS.hanging_motion * arm.length:
+        if is_constant and moves > HANGING_MOTION * arm.length:
             raise RecordingError(
                 f'{run.name}: the pressure stays at {kilopascals(run.frame_pressure[0]):.3g} '
                 f'kPa, but the unloaded arm moves by {millimeters(moves):.3g} mm. Is it the '
@@ -171,7 +184,7 @@ def check_pressures(
             'needs at least two pressures; record a ramp or a staircase',
             reason='one_pressure',
         )
-    least = PRECONDITIONS.smallest_motion * arm.length
+    least = SMALLEST_MOTION * arm.length
     if largest_motion < least and motion(unloaded, arm.reach) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the pressure changes; do the target '
@@ -205,7 +218,7 @@ def largest_force(run: RecordingData) -> float:
 
 def check_unloaded(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if a recording given as unloaded has an end force."""
-    if run.loaded and largest_force(run) > PRECONDITIONS.unloaded_force * arm.weight:
+    if run.loaded and largest_force(run) > UNLOADED_FORCE * arm.weight:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
             f'{largest_force(run):.3g} N; remove it from --unloaded (calibrate: list it after '
@@ -226,10 +239,9 @@ def check_targets(run: RecordingData, arm: Arm) -> None:
     seen = np.count_nonzero(run.seen, axis=0) > 0
     if run.heading is not None:
         return  # that of the tip shows how far the arm bends
-    if np.count_nonzero(seen) < PRECONDITIONS.fewest_targets and not seen[-1]:
+    if np.count_nonzero(seen) < FEWEST_TARGETS and not seen[-1]:
         raise RecordingError(
-            f'{run.name} shows fewer than {PRECONDITIONS.fewest_targets} targets, and never the '
-            'last one',
+            f'{run.name} shows fewer than {FEWEST_TARGETS} targets, and never the last one',
             reason='too_few_targets',
         )
 
@@ -237,7 +249,7 @@ def check_targets(run: RecordingData, arm: Arm) -> None:
 def check_units(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if lengths or forces are implausible for any arm: a wrong unit."""
     highest = float(np.max(np.abs(run.frame_pressure)))
-    if highest > PRECONDITIONS.largest_pressure:
+    if highest > LARGEST_PRESSURE:
         raise RecordingError(
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa',
             reason='out_of_range',
@@ -253,7 +265,7 @@ def check_units(run: RecordingData, arm: Arm) -> None:
             reason='other_length',
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
-    if middle < PRECONDITIONS.nearest * arm.length:
+    if middle < NEAREST_TIP * arm.length:
         raise RecordingError(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, but the arm is '
             f'{arm.length:.3g} m long. Is the unit right, and is the first target the one at the '
@@ -261,7 +273,7 @@ def check_units(run: RecordingData, arm: Arm) -> None:
             reason='other_length',
         )
     share = row_share(run, arm)
-    if share < PRECONDITIONS.shortest_row:
+    if share < SHORTEST_ROW:
         raise RecordingError(
             f'{run.name}: the row of targets is never longer than {share:.2g} times the row in '
             'the arm file. Is the unit of the targets right, and do they belong to this arm (see '
@@ -275,7 +287,7 @@ def row_share(run: RecordingData, arm: Arm) -> float:
     chords = np.hypot(np.diff(run.x, axis=1), np.diff(run.y, axis=1))
     known = np.isfinite(chords)
     arcs = np.sum(known * np.diff(arm.target_arclength), axis=1)
-    is_complete = np.count_nonzero(known, axis=1) + 1 >= PRECONDITIONS.fewest_targets
+    is_complete = np.count_nonzero(known, axis=1) + 1 >= FEWEST_TARGETS
     if not is_complete.any():
         return 1.0
     return float(np.max(np.nansum(chords, axis=1)[is_complete] / arcs[is_complete]))

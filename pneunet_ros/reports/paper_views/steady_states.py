@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.settings import STEADY_STATES, SteadyStateSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -19,6 +18,13 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.measurement.steady_states import steady_segments
 from pneunet_ros.model.arm import Arm
+
+# What is shown. No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+SHARE_OF_SPAN = 0.01  # of the largest reading, that a steady state may span
+NOISE_SPAN = 8.0  # sigma, that readings of one value may span
+HOLD_SHARE = 0.3  # least duration of a hold, relative to the longest state
+FEWEST_HOLDS = 4  # to use holds alone
+COVERED = 0.8  # share of the pressures that holds must span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,9 +55,7 @@ class SteadyState:
         return TargetSightings(stamp_ns=0, x=self.x, y=self.y, std=std, angle=unseen.angle, **rest)
 
 
-def find_steady_states(
-    fitted: FittedRun, arm: Arm, settings: SteadyStateSettings = STEADY_STATES
-) -> tuple[SteadyState, ...]:
+def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
     """Return all steady states of a run of a fit, in order of time; arm: the fitted one."""
     noise, points = arm.sensors, arm_points(fitted, arm)
     run = fitted.run
@@ -59,7 +63,7 @@ def find_steady_states(
     stds = np.array([noise.pressure_std, noise.force_std, noise.force_std])
     largest = np.max(np.abs(readings), axis=0)
     largest[1:] = largest[1:].max()
-    allowed = np.maximum(settings.noise_span * stds, settings.share_of_span * largest)
+    allowed = np.maximum(NOISE_SPAN * stds, SHARE_OF_SPAN * largest)
     return tuple(
         average(fitted, points, start, stop) for start, stop in steady_segments(readings, allowed)
     )
@@ -97,15 +101,13 @@ def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadySt
     )
 
 
-def longest_states(
-    states: Sequence[SteadyState], settings: SteadyStateSettings = STEADY_STATES
-) -> list[SteadyState]:
+def longest_states(states: Sequence[SteadyState]) -> list[SteadyState]:
     """Remove short states between holds, if the holds span the pressures."""
-    least = settings.hold_share * max((state.frames for state in states), default=0)
+    least = HOLD_SHARE * max((state.frames for state in states), default=0)
     holds = [state for state in states if state.frames >= least]
-    if len(holds) >= settings.fewest_holds:
+    if len(holds) >= FEWEST_HOLDS:
         spans = [np.ptp([state.pressure for state in group]) for group in (holds, states)]
-        if spans[0] >= settings.covered * spans[1]:
+        if spans[0] >= COVERED * spans[1]:
             return holds
     return list(states)
 

@@ -7,7 +7,7 @@ import shlex
 from typing import Any
 
 import numpy as np
-from pneunet_ros.calibration.fleet import FLEET
+from pneunet_ros.calibration.fleet import FEWEST_COMPARED, FLEET
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.json_text import plain
@@ -85,7 +85,7 @@ def certainty(data: SurveyData) -> str:
     """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
-    text = f'Too few arms to find odd ones: at least {FLEET.fewest} are needed.'
+    text = f'Too few arms to find odd ones: at least {FEWEST_COMPARED} are needed.'
     if compared:
         text = (
             f'{compared} of {done} arms are compared, with their error bars; in '
