@@ -27,6 +27,12 @@ LARGEST_GRID = 100_000  # instants of the table: memory
 CELLS = 4.0  # instants of the table in a frame
 RIDGE = 1e-7  # of the variance: keeps nearly collinear columns solvable
 BLOCKS = 16  # of the film, of which the jackknife leaves each out once
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FEWEST_FRAMES = 40  # with targets
+MOTION = 3.0  # std of it, over the noise of a frame
+SEPARATION = 5.0  # frames between two separate delays
+LAW_RANGE = 0.5  # s: search range of the delay without plays
+BLUR = 0.02  # of the range of motion: displacement of a frame by the error of the delay
 
 Indices = npt.NDArray[np.int64]
 Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that weigh each
@@ -39,19 +45,16 @@ class ClockDelaySettings:
     components: int = tuning(
         2, 'principal components of the motion that are used', unit='number', source=('sweep')
     )
-    fewest_frames: int = tuning(40, 'fewest frames with targets', unit='frame')
     seen: float = tuning(0.8, 'share of the frames in which a target must be seen', source='sweep')
     overlap: float = tuning(
         0.75, 'least overlap of film and table, relative to the shorter one', source=('sweep')
     )
-    motion: float = tuning(3.0, 'standard deviation of the motion', unit='noise of a frame')
     explained: float = tuning(
         0.8, 'share of the motion that pressure and load explain, at least', source='sweep'
     )
     rival: float = tuning(
         2.0, 'residual of the next best delay over that of the best, squared', source='sweep'
     )
-    separation: float = tuning(5.0, 'distance of two separate delays', unit='frame')
     powers: int = tuning(6, 'highest power of the pressure', unit='number', source=('sweep'))
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
@@ -65,15 +68,11 @@ class ClockDelaySettings:
         'least share of the effect of a delay that no play can imitate',
         source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
     )
-    law_range: float = tuning(0.5, 'search range of the delay without plays', unit='s')
     relaxations: tuple[float, ...] = tuning(
         (1.0, 3.0, 10.0, 30.0), 'time constants', unit='s', source=('sweep')
     )
     stamps: float = tuning(
         0.05, 'error of stamps of frames and readings', unit='period', source='sweep'
-    )
-    blur: float = tuning(
-        0.02, 'largest displacement of a frame by the error of the delay', unit='range of motion'
     )
 
 
@@ -123,11 +122,7 @@ class ClockDelay:
 
 
 def estimate_delay(
-    frame_time: Array,
-    motion: Array,
-    reading_time: Array,
-    inputs: Array,
-    settings: ClockDelaySettings = CLOCK_DELAY,
+    frame_time: Array, motion: Array, reading_time: Array, inputs: Array
 ) -> ClockDelay:
     """Return the offset of the clock of the film relative to that of the readings.
 
@@ -140,22 +135,21 @@ def estimate_delay(
         motion: (frames, coordinates) m of the targets, NaN where one was not seen.
         reading_time: (readings,) s, increasing.
         inputs: (readings, 1 + loads) pressure in Pa, then forces that change in N.
-        settings: tuning constants.
 
     Returns:
         The delay, with a sentence in `trouble` if the data do not determine it.
     """
     period = float(np.median(np.diff(frame_time))) if len(frame_time) > 1 else math.inf
-    scores, kept = motion_components(motion, settings)
+    scores, kept = motion_components(motion)
     unknown = ClockDelay(
         delay=math.nan, std=math.inf, explained=0.0, frames=kept.size, frame_period=period
     )
-    trouble = _too_little(scores, period, reading_time, inputs, settings)
+    trouble = _too_little(scores, period, reading_time, inputs)
     if trouble:
         return replace(unknown, trouble=trouble)
     without, *fits = (
-        DelayFit(frame_time[kept], scores, reading_time, inputs, period, plays, settings)
-        for plays in (NO_PLAYS, *settings.plays)
+        DelayFit(frame_time[kept], scores, reading_time, inputs, period, plays)
+        for plays in (NO_PLAYS, *CLOCK_DELAY.plays)
     )
     candidates = fits[0].candidates()
     if not candidates:
@@ -166,9 +160,9 @@ def estimate_delay(
             ),
         )
     best, *rivals = candidates
-    within = settings.separation * period
+    within = SEPARATION * period
     delays = [best, *(fit.refine(best, within) for fit in fits[1:])]
-    changed = float(np.mean(delays)) - without.refine(best, max(within, settings.law_range))
+    changed = float(np.mean(delays)) - without.refine(best, max(within, LAW_RANGE))
     details = [fit.details(delay) for fit, delay in zip(fits, delays, strict=True)]
     reading_period = float(np.median(np.diff(reading_time)))
     clock = replace(
@@ -177,14 +171,14 @@ def estimate_delay(
         std=math.hypot(
             max(detail.std for detail in details),
             float(np.std(delays, ddof=1)),
-            settings.law * changed,
-            settings.stamps * math.hypot(period, reading_period),
+            CLOCK_DELAY.law * changed,
+            CLOCK_DELAY.stamps * math.hypot(period, reading_period),
         ),
         explained=details[0].explained,
         frames=details[0].frames,
     )
-    trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate, settings)
-    if not trouble and np.mean([detail.distinct for detail in details]) < settings.distinct:
+    trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate)
+    if not trouble and np.mean([detail.distinct for detail in details]) < CLOCK_DELAY.distinct:
         trouble = Note(
             'the pressure repeats one cycle, so hysteresis cannot be distinguished from a delay: '
             f'{REMEDY}',
@@ -194,38 +188,33 @@ def estimate_delay(
     return replace(clock, trouble=trouble, repeated=tuple(repeated.tolist()))
 
 
-def _too_little(
-    scores: Array, period: float, reading_time: Array, inputs: Array, settings: ClockDelaySettings
-) -> Note | None:
+def _too_little(scores: Array, period: float, reading_time: Array, inputs: Array) -> Note | None:
     """Explain why the data are too few to estimate a delay; None if they suffice."""
-    frames, fewest = len(scores), settings.fewest_frames
-    if frames < fewest:
+    frames = len(scores)
+    if frames < FEWEST_FRAMES:
         return Note(
-            f'{frames} frames show the targets, and {fewest} are needed', reason='too_few_frames'
+            f'{frames} frames show the targets, and {FEWEST_FRAMES} are needed',
+            reason='too_few_frames',
         )
     if len(reading_time) < 3 or not np.any(np.ptp(inputs, axis=0) > 0.0):
         return Note('neither pressure nor load changes in the table', reason='no_change')
     span = float(reading_time[-1] - reading_time[0])
-    if span < fewest * period:
+    if span < FEWEST_FRAMES * period:
         return Note(
-            f'the table lasts {span:.3g} s, and {fewest * period:.3g} s are needed',
+            f'the table lasts {span:.3g} s, and {FEWEST_FRAMES * period:.3g} s are needed',
             reason='too_short',
         )
     noise = np.median(np.abs(np.diff(scores[:, 0], 2))) / (SIGMA_OF_MEDIAN * math.sqrt(6.0))
-    if not np.std(scores[:, 0]) > settings.motion * noise:
+    if not np.std(scores[:, 0]) > MOTION * noise:
         return Note('the arm does not move in the film', reason='not_in_motion')
     return None
 
 
 def _cannot_tell(
-    clock: ClockDelay,
-    fit: DelayFit,
-    rivals: Sequence[float],
-    rate: float,
-    settings: ClockDelaySettings,
+    clock: ClockDelay, fit: DelayFit, rivals: Sequence[float], rate: float
 ) -> Note | None:
     """Explain why an estimated delay is unreliable; None if it is reliable."""
-    if clock.explained < settings.explained:
+    if clock.explained < CLOCK_DELAY.explained:
         return Note(
             f'at no delay do pressure and load explain more than {100.0 * clock.explained:.3g} % '
             'of the motion: are film and table of the same run?',
@@ -234,23 +223,23 @@ def _cannot_tell(
     best = fit.unexplained(clock.delay)
     for rival in rivals:
         ratio = float(np.mean(fit.unexplained(rival) / best))
-        if abs(rival - clock.delay) > settings.separation * fit.period and ratio < settings.rival:
+        if abs(rival - clock.delay) > SEPARATION * fit.period and ratio < CLOCK_DELAY.rival:
             return Note(
                 f'delays of {clock.delay:.2f} s and {rival:.2f} s fit equally well, because the '
                 f'pressure repeats itself or changes too evenly; {REMEDY}',
                 reason='not_determined',
             )
-    if not clock.std * rate < settings.blur:
+    if not clock.std * rate < BLUR:
         return Note(
             f'the delay is {clock.delay:.2f} s with a standard error of {clock.std:.2g} s, which '
-            f'moves a frame by more than {100.0 * settings.blur:g} % of the motion, because the '
+            f'moves a frame by more than {100.0 * BLUR:g} % of the motion, because the '
             f'pressure changes too evenly or too seldom; {REMEDY}',
             reason='not_determined',
         )
     return None
 
 
-def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Array, Indices]:
+def motion_components(motion: Array) -> tuple[Array, Indices]:
     """Return the largest principal components of the motion (kept, components), and their frames.
 
     They are from the targets that are nearly always seen, in the frames that show all of these.
@@ -258,13 +247,13 @@ def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Arra
     seen = np.isfinite(motion)
     with_targets = seen.any(axis=1)
     if not with_targets.any():
-        return np.zeros((0, settings.components)), np.zeros(0, dtype=np.int64)
-    often = seen[with_targets].mean(axis=0) >= settings.seen
+        return np.zeros((0, CLOCK_DELAY.components)), np.zeros(0, dtype=np.int64)
+    often = seen[with_targets].mean(axis=0) >= CLOCK_DELAY.seen
     kept = np.flatnonzero(seen[:, often].all(axis=1) & often.any())
     points = motion[kept][:, often]
     points = points - points.mean(axis=0) if kept.size else points
     _, _, axes = np.linalg.svd(points, full_matrices=False)
-    return points @ axes[: settings.components].T, kept
+    return points @ axes[: CLOCK_DELAY.components].T, kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,18 +282,17 @@ class DelayFit:
         inputs: Array,
         period: float,
         plays: Plays,
-        settings: ClockDelaySettings,
     ) -> None:
-        self.time, self.scores, self.period, self.settings = time, scores, period, settings
+        self.time, self.scores, self.period = time, scores, period
         span = float(reading_time[-1] - reading_time[0])
         step = max(period / CELLS, span / LARGEST_GRID)
         self.grid = np.arange(reading_time[0], reading_time[-1], step)
         smooth = np.column_stack(
             [box_average(reading_time, column, self.grid, step) for column in inputs.T]
         )
-        self.columns = regressors(smooth, step, plays, settings)
+        self.columns = regressors(smooth, step, plays)
         self.slopes = np.gradient(self.columns, step, axis=0)
-        self.shorter = settings.overlap * min(float(time[-1] - time[0]), span)
+        self.shorter = CLOCK_DELAY.overlap * min(float(time[-1] - time[0]), span)
 
     def inside(self, delay: float) -> Indices:
         """Return the frames covered by the table at a delay."""
@@ -337,7 +325,7 @@ class DelayFit:
         leaves a residual, and nothing is explained.
         """
         frames = self.inside(delay)
-        fewest = max(self.settings.fewest_frames, 0.9 * self.shorter / self.period)
+        fewest = max(FEWEST_FRAMES, 0.9 * self.shorter / self.period)
         if frames.size < min(fewest, 0.5 * self.time.size):
             return np.full(self.scores.shape[1], math.inf)
         frames = frames[::every]
@@ -394,7 +382,7 @@ class DelayFit:
         residual = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
         usual = np.median(np.abs(residual), axis=0) / SIGMA_OF_MEDIAN
         main = residual[:, 0]
-        limit = math.sqrt(2.0) * self.settings.motion * usual[0]
+        limit = math.sqrt(2.0) * MOTION * usual[0]
         is_repeated = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
         is_repeated &= np.abs(np.diff(main)) > limit
         is_repeated &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous picture is off
@@ -454,7 +442,7 @@ def box_average(time: Array, values: Array, centers: Array, width: float) -> Arr
     return np.asarray((integral(high) - integral(low)) / (high - low))
 
 
-def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySettings) -> Array:
+def regressors(inputs: Array, step: float, plays: Plays) -> Array:
     """Return the regressors of the motion, (instants, columns).
 
     They are powers of the pressure; the lag of a play of each width, weighted by powers; the lead
@@ -462,11 +450,11 @@ def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySet
     """
     pressure = unit_range(inputs[:, 0])
     widths, powers = plays
-    columns = [chebvander(pressure, settings.powers)[:, 1:]]
+    columns = [chebvander(pressure, CLOCK_DELAY.powers)[:, 1:]]
     for width in widths:
         lag = (pressure - follow_play(pressure, width)) / width
         columns.append(lag[:, None] * chebvander(pressure, powers - 1))
-    for constant in settings.relaxations:
+    for constant in CLOCK_DELAY.relaxations:
         share = 1.0 - math.exp(-step / constant)
         late, _ = scipy.signal.lfilter(
             [share], [1.0, share - 1.0], pressure, zi=[pressure[0] * (1.0 - share)]

@@ -28,8 +28,8 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import NEIGHBORS, predict_frame
-from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
-from pneunet_ros.measurement.inference.adequacy import chi_square_limit
+from pneunet_ros.estimation.persistent_errors import FrameEvidence, PERSISTENCE, PersistentErrors
+from pneunet_ros.measurement.inference.adequacy import chi_square_limit, RARE
 from pneunet_ros.measurement.innovation import innovation
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 import scipy
@@ -37,6 +37,9 @@ import scipy
 ESTIMATES_KEPT = 256  # that wait for frames, which come later: memory
 MOST_WAITING = 128  # frames that wait for their readings: memory
 PERIODS = 32  # last ones, of which the median is taken
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FEWEST_FRAMES = 10  # for a verdict
+MANY = 0.25  # share of recent frames beyond the limit that is a disagreement, not a few bad ones
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,13 +52,6 @@ class ConsistencySettings:
         unit='period',
         source=('sweep'),
     )
-    fewest_frames: int = tuning(10, 'fewest frames for a verdict')
-    share: float = tuning(
-        0.25, 'share of recent frames beyond the limit that counts as a disagreement'
-    )
-    most_beyond: float = tuning(
-        0.05, 'largest share of frames beyond the limit for a correct model'
-    )
     tip_level: float = tuning(
         0.05, 'share of frames whose tip leaves its ellipse by noise', source='convention'
     )
@@ -65,7 +61,6 @@ class ConsistencySettings:
         'puts more outside',
         source='sweep',
     )
-    sure: float = tuning(1e-3, 'probability of so many tips outside by chance', source='invented')
 
 
 DEFAULTS = ConsistencySettings()
@@ -238,14 +233,14 @@ class ConsistencyState:
         """Count one more frame that cannot be compared."""
         return replace(self, unmatched=count_reason(self.unmatched, reason))
 
-    def disagreement(self, settings: ConsistencySettings = DEFAULTS) -> Disagreement | None:
+    def disagreement(self) -> Disagreement | None:
         """Return the recent disagreement of measured and estimated targets; None: too few frames.
 
         Errors of registration, placement and model are the same in many frames and do not average
         out, so the limit of the mean is that of a single frame.
         """
         running = self.running
-        if running is None or running.frames < settings.fewest_frames:
+        if running is None or running.frames < FEWEST_FRAMES:
             return None
         most = chi_square_limit(running.coordinates)
         target = int(np.fmax(running.at_targets, 0.0).argmax())
@@ -255,15 +250,13 @@ class ConsistencyState:
             limit=math.sqrt(most),
             target=target,
             arclength=float(running.arclength[target]),
-            beyond=running.chi_square > most and running.beyond >= settings.share,
+            beyond=running.chi_square > most and running.beyond >= MANY,
             force_read=running.force_read,
         )
 
 
 def agreement_of(
-    compared: Sequence[FrameInnovation],
-    persistent: PersistentErrors | None = None,
-    settings: ConsistencySettings = DEFAULTS,
+    compared: Sequence[FrameInnovation], persistent: PersistentErrors | None = None
 ) -> Agreement:
     """Return the agreement of measured and predicted targets over these frames, at least one.
 
@@ -271,27 +264,24 @@ def agreement_of(
     """
     rms, limit, at_tip = np.array([(one.rms, one.limit, one.at_tip) for one in compared]).T
     tips = at_tip[np.isfinite(at_tip)]
-    outside = int(np.count_nonzero(tips > -2.0 * math.log(settings.tip_level)))
+    outside = int(np.count_nonzero(tips > -2.0 * math.log(DEFAULTS.tip_level)))
     return Agreement(
         frames=len(compared),
         median=float(np.median(rms)),
         limit=float(np.median(limit)),
         beyond=float(np.mean(rms > limit)),
-        most=settings.most_beyond,
+        most=PERSISTENCE.odd,
         tips_outside=outside / tips.size if tips.size else math.nan,
-        tips_chance=float(scipy.special.bdtrc(outside - 1, tips.size, settings.most_tips)),
-        sure=settings.sure,
-        fewest=settings.fewest_frames,
+        tips_chance=float(scipy.special.bdtrc(outside - 1, tips.size, DEFAULTS.most_tips)),
+        sure=RARE,
+        fewest=FEWEST_FRAMES,
         force_read=all(frame.force_read for frame in compared),
         persistent=persistent,
     )
 
 
 def take_estimate(
-    state: ConsistencyState,
-    estimator: Estimator,
-    outcome: Outcome,
-    settings: ConsistencySettings = DEFAULTS,
+    state: ConsistencyState, estimator: Estimator, outcome: Outcome
 ) -> ConsistencyState:
     """Process the outcome of a pressure reading, and compare the frames waiting for it."""
     state = replace(state, compared=())
@@ -301,14 +291,11 @@ def take_estimate(
         state = state.fresh()  # the estimator has restarted
     kept = state.estimates[1 - ESTIMATES_KEPT :]
     state = replace(state, estimates=(*kept, outcome))
-    return compare_waiting(state, estimator, settings) if state.waiting else state
+    return compare_waiting(state, estimator) if state.waiting else state
 
 
 def take_targets(
-    state: ConsistencyState,
-    estimator: Estimator,
-    sightings: TargetSightings,
-    settings: ConsistencySettings = DEFAULTS,
+    state: ConsistencyState, estimator: Estimator, sightings: TargetSightings
 ) -> tuple[ConsistencyState, Refusal | None]:
     """Process a frame; return why it is out of sequence, or None."""
     state = replace(state, compared=())
@@ -328,12 +315,10 @@ def take_targets(
     if len(state.waiting) == MOST_WAITING:
         state = replace(state, waiting=state.waiting[1:]).count_unmatched('no_estimate')
     state = replace(state, waiting=(*state.waiting, sightings))
-    return compare_waiting(state, estimator, settings), None
+    return compare_waiting(state, estimator), None
 
 
-def compare_waiting(
-    state: ConsistencyState, estimator: Estimator, settings: ConsistencySettings
-) -> ConsistencyState:
+def compare_waiting(state: ConsistencyState, estimator: Estimator) -> ConsistencyState:
     """Compare the waiting frames whose nearest estimate is now known."""
     if not state.estimates:
         return state
@@ -347,7 +332,7 @@ def compare_waiting(
         return state  # not decided yet
     stamps = [estimate.stamp_ns for estimate in state.estimates]
     periods = [after - before for before, after in pairwise(stamps[-PERIODS - 1 :])]
-    reach = settings.reach * median(periods) if periods else 0.0
+    reach = DEFAULTS.reach * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     shown = np.array([sightings.stamp_ns - delay_ns for sightings in waiting])
     matches = (part.tolist() for part in (shown, *match_stamps(shown, np.array(stamps), reach)))

@@ -5,22 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pneunet_ros.core.readings import WrenchReading
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.model.arm import Arm
 
 TINY = 1e-300  # no limit at all, of sensors without noise
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutOfPlaneSettings:
-    """Limits of out-of-plane loads for a warning and for rejecting an estimate."""
-
-    noise: float = tuning(4.0, 'sigma explained by sensor noise', unit='sigma')
-    stop: float = tuning(3.0, 'error, as a multiple of the limit of a warning', source='contract')
-
-
-DEFAULTS = OutOfPlaneSettings()
+NOISE = 4.0  # sigma of a sensor: no limit is smaller
+STOP = 3.0  # limits of a warning are an error: the contract of out_of_plane_limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,12 +43,7 @@ class OutOfPlane:
         )
 
 
-def out_of_plane(
-    arm: Arm,
-    settings: EstimatorSettings,
-    wrench: WrenchReading,
-    numbers: OutOfPlaneSettings = DEFAULTS,
-) -> OutOfPlane:
+def out_of_plane(arm: Arm, settings: EstimatorSettings, wrench: WrenchReading) -> OutOfPlane:
     """Return the out-of-plane part of an end wrench, relative to its limit.
 
     The limit is a share of the largest force in the domain of the arm and of its moment, but at
@@ -69,8 +54,8 @@ def out_of_plane(
     else:
         force, moment = arm.domain.largest_force, arm.domain.largest_moment(arm.length)
     share, sensors = settings.out_of_plane_limit, arm.sensors
-    largest_force = max(share * force, numbers.noise * sensors.force_std)
-    largest_moment = max(share * moment, numbers.noise * sensors.moment_std)
+    largest_force = max(share * force, NOISE * sensors.force_std)
+    largest_moment = max(share * moment, NOISE * sensors.moment_std)
     parts = (
         ('Fz', wrench.force_z, largest_force),
         ('Mx', wrench.moment_x, largest_moment),
@@ -82,5 +67,5 @@ def out_of_plane(
         value=value,
         limit=limit,
         warns=abs(value) > limit,
-        stops=abs(value) > numbers.stop * limit,
+        stops=abs(value) > STOP * limit,
     )

@@ -30,7 +30,7 @@ from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.noise_model import camera_errors
-from pneunet_ros.measurement.inference.adequacy import RARELY
+from pneunet_ros.measurement.inference.adequacy import RARE, RARELY
 from pneunet_ros.measurement.painted_targets import paint
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
@@ -38,6 +38,10 @@ import scipy
 
 READINGS = PRESSURE + 1  # errors of a frame that are of its own readings, the first
 LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FEWEST_FRAMES = 20  # for a verdict
+SEEN = 0.1  # of the variance of a prior: less is no observation of the unknown
+REPAINTED = 0.25  # of placement_std: few columns do not hold all of its uncertainty
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,14 +53,10 @@ class PersistenceSettings:
         'frames of a recording that are used, evenly spread, up to twice as many',
         source=('sweep'),
     )
-    fewest: int = tuning(20, 'fewest frames for a verdict')
     odd: float = tuning(
         0.05,
-        'share of outlier frames, which say nothing about persistent errors',
+        'largest share of outlier frames of a correct model, which show no persistent errors',
         source=('sweep'),
-    )
-    seen: float = tuning(
-        0.1, 'minimum variance reduction for an unknown to count as observed', unit='of its prior'
     )
     camera: float = tuning(
         0.01,
@@ -64,13 +64,6 @@ class PersistenceSettings:
         unit='length',
         source=('sweep'),
     )
-    painted: float = tuning(
-        0.25,
-        'displacement of a target from its calibrated place: few columns do not hold all of its '
-        'uncertainty',
-        unit='placement_std',
-    )
-    sure: float = tuning(1e-4, 'probability of such values of the unknowns by chance')
     white_error: float = tuning(0.05, 'relative error of the std of white noise', source='sweep')
 
 
@@ -104,14 +97,12 @@ class KeptFrames:
     stride: int = 1
     count: int = 0
 
-    def after(
-        self, frame: FrameEvidence, settings: PersistenceSettings = PERSISTENCE
-    ) -> KeptFrames:
+    def after(self, frame: FrameEvidence) -> KeptFrames:
         """Return the record with one more frame; a full record drops every other frame."""
         kept, stride = self.frames, self.stride
         if self.count % stride == 0:
             kept = (*kept, frame)
-        if len(kept) > 2 * settings.frames:
+        if len(kept) > 2 * PERSISTENCE.frames:
             kept, stride = kept[::2], 2 * stride
         return KeptFrames(frames=kept, stride=stride, count=self.count + 1)
 
@@ -195,9 +186,7 @@ class PersistentErrors:
         )
 
 
-def persistent_errors(
-    kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
-) -> PersistentErrors | None:
+def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErrors | None:
     """Test for errors common to all frames (in order of time); None for too few frames.
 
     Everything is linearized at the estimates. The shared unknowns have the prior of the arm: the
@@ -205,11 +194,11 @@ def persistent_errors(
     errors of each frame are those of its readings, and the white noise of targets.
     """
     odd = [frame.beyond for frame in kept]
-    if any(odd) and np.mean(odd) <= settings.odd:
+    if any(odd) and np.mean(odd) <= PERSISTENCE.odd:
         kept = [frame for frame in kept if not frame.beyond]
-    if len(kept) < settings.fewest:
+    if len(kept) < FEWEST_FRAMES:
         return None
-    problem = linear_problem(kept, arm, settings)
+    problem = linear_problem(kept, arm)
     count, unknowns = len(kept), problem.shared.shape[2]
     model = GaussianModel.of(
         [problem.shared.reshape(-1, unknowns)], [problem.residual.ravel()], np.zeros(unknowns)
@@ -222,17 +211,15 @@ def persistent_errors(
     # What a step is before the frames are known: from the prior, and from their noise.
     spread = covariance @ (gram @ gram + repeated * gram) @ covariance
     places = columns + 2 * arm.target_arclength.size
-    model_distance, model_observed = distance(
-        model.step[:columns], spread[:columns, :columns], settings
-    )
-    all_distance, all_observed = distance(model.step[:places], spread[:places, :places], settings)
+    model_distance, model_observed = distance(model.step[:columns], spread[:columns, :columns])
+    all_distance, all_observed = distance(model.step[:places], spread[:places, :places])
     likely = min(chance_of(model_distance, model_observed), chance_of(all_distance, all_observed))
     dof = float(problem.coordinates - np.trace(gram @ covariance))
-    spread_left = math.hypot(math.sqrt(2.0 * repeated / dof), 2.0 * settings.white_error)
+    spread_left = math.hypot(math.sqrt(2.0 * repeated / dof), 2.0 * PERSISTENCE.white_error)
     chance = min(2.0 * likely, 1.0)  # of two that were tried
     step, known = model.step[:columns], covariance[:columns, :columns]
-    if chance < settings.sure:
-        step, known = without_prior(step, known, settings)
+    if chance < RARE:
+        step, known = without_prior(step, known)
     tip_offsets = [tip_off(frame, step, known) for frame in kept]
     squares, outside = np.mean(tip_offsets, axis=0).tolist()
     return PersistentErrors(
@@ -243,7 +230,7 @@ def persistent_errors(
         moved_with_places=all_distance,
         unknowns_with_places=all_observed,
         chance=chance,
-        sure=settings.sure,
+        sure=RARE,
         left=float(np.sum(rest**2)) / dof,
         left_limit=1.0 + RARELY * spread_left,
         tip_rms=math.sqrt(squares),
@@ -266,9 +253,7 @@ class LinearProblem:
     coordinates: int
 
 
-def linear_problem(
-    kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
-) -> LinearProblem:
+def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
     """Return the frames whitened by their independent errors."""
     noise, count, targets = arm.sensors, len(kept), arm.target_arclength.size
     size = 2 * targets
@@ -288,11 +273,11 @@ def linear_problem(
         places = noise.placement_std * placing
     else:
         residual = residual - np.array([frame.predicted.placed for frame in kept])
-        placement_std = np.hypot(known.std, settings.painted * noise.placement_std)
+        placement_std = np.hypot(known.std, REPAINTED * noise.placement_std)
         places, columns = placing * placement_std, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])
     progress = (stamps - stamps.min()) / max(int(np.ptp(stamps)), 1)
-    anywhere = math.hypot(noise.registration_std, settings.camera * arm.length)
+    anywhere = math.hypot(noise.registration_std, PERSISTENCE.camera * arm.length)
     prior = path_prior(replace(noise, registration_std=anywhere))
     path = path_weights(progress) @ np.linalg.cholesky(prior)
     camera = np.zeros((count, 2, targets, 2, path.shape[1]))
@@ -332,29 +317,25 @@ def frames_as_one(scores: Array) -> float:
     return max(float(ratio) / max(int(np.linalg.matrix_rank(alone, hermitian=True)), 1), 1.0)
 
 
-def distance(
-    step: Array, spread: Array, settings: PersistenceSettings = PERSISTENCE
-) -> tuple[float, int]:
+def distance(step: Array, spread: Array) -> tuple[float, int]:
     """Return chi squared of a step (n,) with covariance spread (n, n), and its degrees of freedom.
 
     Directions hardly determined by the frames do not count.
     """
     variances, axes = np.linalg.eigh(spread)
-    seen = variances > settings.seen
+    seen = variances > SEEN
     along = (axes.T @ step)[seen]
     return float(np.sum(along**2 / variances[seen])), int(np.count_nonzero(seen))
 
 
-def without_prior(
-    step: Array, covariance: Array, settings: PersistenceSettings = PERSISTENCE
-) -> tuple[Array, Array]:
+def without_prior(step: Array, covariance: Array) -> tuple[Array, Array]:
     """Return a step (n,) and its covariance (n, n) from the frames alone, without the prior.
 
     This is needed because a refuted prior holds a step back. With uninformative frames the step is
     unchanged.
     """
     remaining, axes = np.linalg.eigh(covariance)
-    information = np.where(1.0 - remaining > settings.seen, 1.0 - remaining, 1.0)
+    information = np.where(1.0 - remaining > SEEN, 1.0 - remaining, 1.0)
     covariance = axes @ np.diag(remaining / information) @ axes.T
     return axes @ ((axes.T @ step) / information), covariance
 

@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.pressure_convention import ABSOLUTE, PressureConvention
 from pneunet_ros.measurement.pressure_judge import expected_of, JUDGE
 from pneunet_ros.model.arm import Arm
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TareSettings:
-    """Criteria for the zero of a sensor."""
-
-    fewest_readings: int = tuning(5, 'fewest readings of the vented arm')
-    noise_band: float = tuning(10.0, 'largest range of readings that noise explains', unit='sigma')
-    largest_change: float = tuning(
-        0.01, 'largest range of readings, for any noise', unit='of the calibrated range'
-    )
-
-
-DEFAULTS = TareSettings()
+# The pressure of a vented arm varies far less than this, that of one in use far more.
+FEWEST = 5  # readings of the vented arm
+NOISE_BAND = 10.0  # sigma: the largest range of readings that noise explains
+LARGEST_CHANGE = 0.01  # of the calibrated range: the range of readings, for any noise
 
 
 def pressure_zero(
-    arm: Arm,
-    convention: PressureConvention,
-    readings: tuple[PressureReading, ...],
-    settings: TareSettings = DEFAULTS,
+    arm: Arm, convention: PressureConvention, readings: tuple[PressureReading, ...]
 ) -> tuple[float | None, str]:
     """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
 
@@ -40,15 +27,14 @@ def pressure_zero(
     share of the range, or if the offset is implausible as a zero error of a gauge, or of an unset
     zero for this range.
     """
-    fewest = settings.fewest_readings
-    if len(readings) < fewest:
-        return None, f'only {len(readings)} recent pressure readings; at least {fewest} are needed'
+    if len(readings) < FEWEST:
+        return None, f'only {len(readings)} recent pressure readings; at least {FEWEST} are needed'
     untared = replace(convention, offset=0.0)
     values = np.array([untared.gauge(reading.pressure) for reading in readings])
     low, high = arm.pressure_range
     change, mean = float(np.ptp(values)), float(values.mean())
-    noise = settings.noise_band * arm.sensors.pressure_std
-    if not change <= max(noise, settings.largest_change * (high - low)):
+    noise = NOISE_BAND * arm.sensors.pressure_std
+    if not change <= max(noise, LARGEST_CHANGE * (high - low)):
         return None, f'the pressure varies by {change:.4g} Pa; keep the vented arm still'
     largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(arm).reach)
     if abs(mean) > largest:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.pressure_judge import (
@@ -18,24 +17,8 @@ from pneunet_ros.measurement.pressure_judge import (
 from pneunet_ros.model.arm import Arm
 
 OTHER_PRESSURE = 'other_pressure'
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WatchSettings:
-    """Settings for judging live readings."""
-
-    first: float = tuning(
-        10.0,
-        'duration of readings before the first verdict',
-        unit='s',
-        source='convention: a few breaths',
-    )
-    period: float = tuning(
-        1.0, 'time between verdicts', unit='s', source='convention: diagnostics'
-    )
-
-
-WATCH = WatchSettings()
+FIRST = 10.0  # s of readings before the first verdict: a few breaths
+PERIOD = 1.0  # s between verdicts, as of diagnostics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,29 +35,25 @@ class PressureWatch:
     since: PressureRecord = field(default_factory=PressureRecord)
 
     def after(
-        self,
-        reading: PressureReading,
-        arm: Arm,
-        settings: EstimatorSettings,
-        watch: WatchSettings = WATCH,
+        self, reading: PressureReading, arm: Arm, settings: EstimatorSettings
     ) -> PressureWatch:
         """Return the watch after one more reading, with a new verdict when due."""
         record = self.record.after(reading.stamp_ns, reading.pressure)
         known = self.verdict is None or self.verdict.declared == settings.pressure
         last = self.judged_ns if known else None
-        if not settings.judge_readings or record.seconds < watch.first:
+        if not settings.judge_readings or record.seconds < FIRST:
             return PressureWatch(record=record)
         since = self.since
         if self.verdict is not None and self.verdict.doubted:
             since = since.after(reading.stamp_ns, reading.pressure)
-        if last is not None and seconds_between(last, reading.stamp_ns) < watch.period:
+        if last is not None and seconds_between(last, reading.stamp_ns) < PERIOD:
             return replace(self, record=record, since=since)
 
         def judged(readings: PressureRecord) -> PressureVerdict | None:
             return judge_pressure(readings, settings.pressure, [expected_of(arm)], running=True)
 
         verdict = judged(record)
-        if since.seconds >= watch.first:
+        if since.seconds >= FIRST:
             recent = judged(since)
             if recent is not None and recent.confirmed:
                 record, verdict = since, recent

@@ -21,8 +21,8 @@ from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.estimation.consistency import (
     agreement_of,
-    ConsistencySettings,
     ConsistencyState,
+    FEWEST_FRAMES,
     FrameInnovation,
     MOST_WAITING,
     take_estimate,
@@ -48,7 +48,7 @@ from support.example_arms import paper_arm
 from support.made_datasets import made, PERIOD, USUAL
 
 BASE = 'pneunet_base'
-USED = ConsistencySettings()
+
 FRAMES = 60
 KNOWN = replace(paper_arm(), sensors=USUAL)
 UP_AND_DOWN = 30e3 - 28e3 * np.cos(np.linspace(0.0, 2.0 * np.pi, FRAMES))
@@ -123,7 +123,7 @@ def test_noise_of_every_kind_is_no_disagreement(quiet):
     for monitored in quiet:
         assert monitored.consistency.matched == FRAMES
         assert not monitored.consistency.unmatched
-        assert len(monitored.found) == FRAMES - USED.fewest_frames + 1
+        assert len(monitored.found) == FRAMES - FEWEST_FRAMES + 1
         assert not any(item.beyond for item in monitored.found)
         assert all(item.rms < item.limit for item in monitored.found)
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.estimation.persistent_errors import (
+    FEWEST_FRAMES,
     FrameEvidence,
     frames_as_one,
     KeptFrames,
-    PersistenceSettings,
+    PERSISTENCE,
     persistent_errors,
     PersistentErrors,
 )
@@ -22,7 +23,7 @@ from support.made_datasets import USUAL
 ARM = replace(paper_arm(), sensors=USUAL)
 TARGETS = ARM.target_arclength.size
 SHARE = ARM.target_arclength / ARM.target_arclength[-1]
-USED = PersistenceSettings()
+
 FRAMES = 60
 SECOND = 1_000_000_000
 
@@ -182,7 +183,7 @@ def test_placement_that_is_known_goes_with_the_model():
 
 
 def test_too_few_frames_tell_nothing():
-    assert persistent_errors(drawn(1, count=USED.fewest - 1), ARM) is None
+    assert persistent_errors(drawn(1, count=FEWEST_FRAMES - 1), ARM) is None
 
 
 def test_independent_scores_are_no_repetition():
@@ -197,7 +198,7 @@ def test_frames_are_kept_evenly_however_long_a_recording_is():
     frame, kept = drawn(1, count=20)[0], KeptFrames()
     for index in range(5000):
         kept = kept.after(replace(frame, stamp_ns=1 + index))
-    assert USED.frames <= len(kept.frames) <= 2 * USED.frames
+    assert PERSISTENCE.frames <= len(kept.frames) <= 2 * PERSISTENCE.frames
     steps = np.diff([one.stamp_ns for one in kept.frames])
     assert set(steps.tolist()) == {kept.stride}
     assert kept.frames[0].stamp_ns == 1

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-RARELY = 3.719  # sigma: one-sided normal quantile of 1e-4, by convention
+RARE = 1e-4  # probability of a false alarm, by convention
+RARELY = 3.719  # sigma: its one-sided normal quantile
 
 
 def chi_square_limit(coordinates: float) -> float:
