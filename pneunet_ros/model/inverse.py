@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import (
@@ -38,22 +37,12 @@ ARRIVED = 1e-10  # of the length; tip error of a solution: a thousand times ROUN
 PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)
 # From one first guess; Levenberg and Marquardt's method ends by itself long before.
 MOST_TRIALS = 150
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+DETERMINED = 1e-4  # m/N: least singular value of d tip / d force
+FORCE_AT_FAULT = 1e-3  # of the length; tip error below which the force is at fault
+MILLIMETERS = 10.0  # lengths: a tip so far away is in millimeters
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TipSearchSettings:
-    """Settings of the search for the end force that brings the tip to a position."""
-
-    determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
-    largest_error: float = tuning(
-        1e-3, 'tip error below which the force is at fault', unit='of the length'
-    )
-    largest_distance: float = tuning(
-        10.0, 'tip distance that must be in millimeters', unit='of the length'
-    )
-
-
-SEARCH = TipSearchSettings()
 EXACT = SolverSettings(tolerance=0.0)  # each trial as exact as rounding lets it be
 
 
@@ -180,18 +169,18 @@ class TipSearch:
         """Return the shape, or a failed one if the goal is missed or the force undetermined."""
         weakest = float(np.linalg.svd(self.force_jacobian(shape), compute_uv=False)[-1])
         distance = self.tip_error(shape)
-        if weakest < SEARCH.determined and distance < SEARCH.largest_error * self.arm.length:
+        if weakest < DETERMINED and distance < FORCE_AT_FAULT * self.arm.length:
             sentence = (
                 'this tip position does not determine the end force: in one direction, 1 N moves '
                 f'the tip by only {1000.0 * weakest:.2g} mm (at least '
-                f'{1000.0 * SEARCH.determined:.2g} mm is needed)'
+                f'{1000.0 * DETERMINED:.2g} mm is needed)'
             )
         elif distance > ARRIVED * self.arm.length:
             sentence = (
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
-            if float(np.hypot(*self.tip)) > SEARCH.largest_distance * self.arm.length:
+            if float(np.hypot(*self.tip)) > MILLIMETERS * self.arm.length:
                 sentence += f': the arm is {self.arm.length:g} m long, so are these millimeters?'
         else:
             load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -14,20 +11,10 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 MEASURED = 'measured with ruler and scale'
 INVENTED = 'invented, as a start for the calibration'
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StartingArmSettings:
-    """Placeholder values for an arm whose size and weight alone are known."""
-
-    turn: float = tuning(2.0, 'rotation of the tip at the largest pressure', unit='rad')
-    split: float = tuning(0.1, 'l1 / l', source="representative: the paper's arm")
-    rigidity: tuple[float, float] = tuning(
-        (0.085, 0.05), 'B / (mg l^2)', source="representative: the paper's arm"
-    )
-
-
-STARTING_ARM = StartingArmSettings()
+# Placeholders, until a calibration finds others.
+TURN = 2.0  # rad, of the tip at the largest pressure
+SPLIT = 0.1  # l1 / l, representative: the paper's arm
+RIGIDITY = (0.085, 0.05)  # B / (mg l^2), representative: the paper's arm
 
 
 def starting_arm(
@@ -49,7 +36,7 @@ def starting_arm(
         ModelError: the numbers are not those of a valid arm.
     """
     pressure = np.array([0.0, largest_pressure])
-    curvature = np.outer([0.0, STARTING_ARM.turn / length], np.ones(3))
+    curvature = np.outer([0.0, TURN / length], np.ones(3))
     return Arm(
         name=name,
         length=length,
@@ -60,8 +47,8 @@ def starting_arm(
         ),
         moment_law=PiecewiseLinearLaw(
             pressure=pressure,
-            split=np.full(2, STARTING_ARM.split),
-            rigidity=np.tile(STARTING_ARM.rigidity, (2, 1)),
+            split=np.full(2, SPLIT),
+            rigidity=np.tile(RIGIDITY, (2, 1)),
             moment_offset=np.zeros((2, 2)),
         ),
         sensors=SensorNoise(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=1.2e-4),

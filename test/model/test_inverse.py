@@ -9,7 +9,7 @@ from pneunet_ros import solve, solve_tip
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.model.inverse import force_jacobian, SEARCH
+from pneunet_ros.model.inverse import DETERMINED, force_jacobian
 import pytest
 from support.example_arms import (
     ALL_MECHANICS,
@@ -48,7 +48,7 @@ def assert_failed(shape, sentence):
 def test_rows_of_table_1_are_found_again_or_said_to_be_undetermined(row, moment):
     shape = solve(paper_arm(), row.pressure, row.force, moment)
     found = solve_tip(paper_arm(), row.pressure, shape.tip[:2], moment)
-    if weakest(paper_arm(), shape) < SEARCH.determined:
+    if weakest(paper_arm(), shape) < DETERMINED:
         assert_failed(found, '0.1 mm')
         assert row in TABLE_1[:3]
         return
@@ -64,7 +64,7 @@ def test_rows_of_table_1_are_found_again_or_said_to_be_undetermined(row, moment)
 def test_rows_are_found_again_with_all_effects(row):
     arm = paper_arm(ALL_MECHANICS)
     shape = solve(arm, row.pressure, row.force)
-    assert weakest(arm, shape) > SEARCH.determined
+    assert weakest(arm, shape) > DETERMINED
     found = solve_tip(arm, row.pressure, shape.tip[:2])
     assert found.force == pytest.approx(row.force, abs=1e-9)
 
@@ -101,11 +101,11 @@ def found_again(seeds, negative):
         near = solve_tip(arm, pressure, shape.tip[:2], moment, start=start)
         cold = solve_tip(arm, pressure, shape.tip[:2], moment)
         weak = weakest(arm, shape)
-        if weak < SEARCH.determined:
+        if weak < DETERMINED:
             assert_failed(near, 'this tip position does not determine the end force')
             continue
         # Where it is hardly determined, a tip as good as any is one of many forces.
-        exact = 1e-9 if weak > 10.0 * SEARCH.determined else 1e-6
+        exact = 1e-9 if weak > 10.0 * DETERMINED else 1e-6
         assert near.force == pytest.approx(force, abs=exact), seed
         near_by += 1
         # From nothing another equilibrium may be found: it must be one, at the same tip.
