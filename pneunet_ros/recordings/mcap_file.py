@@ -21,7 +21,13 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.files.regular_file import readable
 from pneunet_ros.recordings.file_kinds import recording_from
-from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.limits import (
+    ALWAYS_UNPACKED,
+    LARGEST_CHUNK,
+    LARGEST_DEFINITION,
+    MOST_EXPANSION,
+    RECORDS_PER_BYTE,
+)
 from pneunet_ros.recordings.mcap_records import (
     CHECKSUM,
     checksum_of,
@@ -254,13 +260,13 @@ class _Scan:
 
     def _read(self, length: int) -> bytes:
         """Read the rest of a small record."""
-        if length > LIMITS.definition:
+        if length > LARGEST_DEFINITION:
             raise ValueError(f'a record of {length} bytes')
         return self.stream.read(length)
 
     def _loose_message(self, run: _Run, length: int) -> None:
         """Register a message outside of chunks."""
-        if length > LIMITS.chunk:
+        if length > LARGEST_CHUNK:
             raise ValueError(f'a message of {length} bytes')
         head = self.stream.read(min(length, MESSAGE_HEAD.size))
         self._message(run, *message_head(head, 0, len(head)))
@@ -269,12 +275,12 @@ class _Scan:
         """Read a chunk, or the available part of it; a damaged one is skipped."""
         run = _Run(start)
         try:
-            if end - start > LIMITS.chunk + LIMITS.definition:
-                raise ValueError(f'it has {end - start} bytes, more than {LIMITS.chunk}')
+            if end - start > LARGEST_CHUNK + LARGEST_DEFINITION:
+                raise ValueError(f'it has {end - start} bytes, more than {LARGEST_CHUNK}')
             self.stream.seek(start)
             data = chunk_content(self.stream.read(end - start))
             self._unpacked(len(data))
-            most = LIMITS.records * self.size
+            most = RECORDS_PER_BYTE * self.size
             for opcode, first, last in records(data):
                 self.packed += 1
                 if self.packed > most:  # stop before reading all of them
@@ -293,8 +299,8 @@ class _Scan:
     def _unpacked(self, length: int) -> None:
         """Count the unpacked bytes; reject a file that expands too much."""
         self.unpacked += length
-        if self.unpacked > LIMITS.unpacked + LIMITS.expansion * self.size:
-            raise self._refusal(f'more than {LIMITS.expansion} times its size')
+        if self.unpacked > ALWAYS_UNPACKED + MOST_EXPANSION * self.size:
+            raise self._refusal(f'more than {MOST_EXPANSION} times its size')
 
     def _message(self, run: _Run, channel: int, log_time: int) -> None:
         """Count a message."""

@@ -15,7 +15,7 @@ import lz4.frame
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.limits import LARGEST_CHUNK
 import zstandard
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -75,8 +75,8 @@ def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
     compression = bytes(body[CHUNK_HEAD.size : named]).decode()
     (stored,) = STORED_SIZE.unpack_from(body, named)
     data: bytes | memoryview = body[named + STORED_SIZE.size :][:stored]
-    if size > LIMITS.chunk:
-        raise ValueError(f'it has {size} bytes, more than {LIMITS.chunk}')
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'it has {size} bytes, more than {LARGEST_CHUNK}')
     # Never unpack more than the announced size.
     if compression == 'zstd':
         data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.files.regular_file import open_regular, readable
-from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.limits import ALWAYS_UNPACKED, LARGEST_CHUNK, MOST_EXPANSION
 from pneunet_ros.recordings.message_store import jazzy
 import zstandard
 
@@ -94,14 +94,14 @@ def _log(database: Path) -> Path:
 
 def _unpack(path: Path, plain: Path) -> None:
     """Unpack a file up to the size limit; of a truncated one, its start."""
-    remaining = LIMITS.unpacked + LIMITS.expansion * path.stat().st_size
+    remaining = ALWAYS_UNPACKED + MOST_EXPANSION * path.stat().st_size
     with open_regular(path) as packed, plain.open('wb') as target:
         try:
             for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
                 remaining -= len(piece)
                 if remaining < 0:
                     raise RecordingError(
-                        f'{path} expands to more than {LIMITS.expansion} times its size',
+                        f'{path} expands to more than {MOST_EXPANSION} times its size',
                         reason='too_large',
                     )
                 target.write(piece)
@@ -120,13 +120,13 @@ def unpacked_message(raw: bytes) -> bytes:
         return raw
     try:
         with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(raw)) as stream:
-            found = stream.read(LIMITS.chunk + 1)
+            found = stream.read(LARGEST_CHUNK + 1)
     except zstandard.ZstdError as error:
         raise RecordingError(
             f'a message cannot be unpacked by zstd: {error}', reason='damaged'
         ) from error
-    if len(found) > LIMITS.chunk:
-        raise RecordingError(f'a message has more than {LIMITS.chunk} bytes', reason='too_large')
+    if len(found) > LARGEST_CHUNK:
+        raise RecordingError(f'a message has more than {LARGEST_CHUNK} bytes', reason='too_large')
     return bytes(found)
 
 
@@ -149,7 +149,7 @@ def _copy_messages(database: Path, copy: Path) -> None:
             channels[key] = writer.register_channel(name, serialization, schemas[kind])
         rows = bag.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id')
         for key, stamp, data in rows:
-            if key in channels and 0 <= stamp < 2**63 and len(data) <= LIMITS.chunk:
+            if key in channels and 0 <= stamp < 2**63 and len(data) <= LARGEST_CHUNK:
                 writer.add_message(channels[key], stamp, bytes(data), stamp)
         writer.finish()
 

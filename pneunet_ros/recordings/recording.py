@@ -22,7 +22,7 @@ from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.cdr_reader import read_message
 from pneunet_ros.messages.readings import is_estimated
 from pneunet_ros.recordings.bag_folder import stored_files
-from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.limits import LONGEST_NAME, MOST_WAITING
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
 from pneunet_ros.recordings.message_store import deserialize, jazzy, store_for
 from pneunet_ros.recordings.plain_mcap import plain_mcap, unpacked_message
@@ -274,7 +274,7 @@ def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
         return None
     if schema.encoding not in SCHEMA_ENCODINGS:
         return None
-    if max(len(channel.topic), len(schema.name)) > LIMITS.name:
+    if max(len(channel.topic), len(schema.name)) > LONGEST_NAME:
         return None
     return RecordedTopic(
         name=channel.topic,
@@ -287,10 +287,10 @@ def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
 def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> Note:
     schema = file.schemas.get(channel.schema_id)
     longest = max(len(channel.topic), len(schema.name) if schema else 0)
-    if longest > LIMITS.name:
+    if longest > LONGEST_NAME:
         return Note(
-            f'{shortened(channel.topic, LIMITS.name)} in {file.path} was left out: the name of '
-            f'its topic or type has {longest} characters, and {LIMITS.name} are allowed',
+            f'{shortened(channel.topic, LONGEST_NAME)} in {file.path} was left out: the name of '
+            f'its topic or type has {longest} characters, and {LONGEST_NAME} are allowed',
             reason='too_large',
         )
     encodings = channel.message_encoding, schema.encoding if schema else ''
@@ -308,9 +308,9 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
 
 
 def _check_held(path: Path, held_bytes: int) -> None:
-    if held_bytes > LIMITS.waiting:
+    if held_bytes > MOST_WAITING:
         raise RecordingError(
-            f'{path} has more than {LIMITS.waiting // 10**6} MB of messages in one chunk, or in '
+            f'{path} has more than {MOST_WAITING // 10**6} MB of messages in one chunk, or in '
             'chunks that overlap in time: sort it with `mcap sort`',
             reason='too_large',
         )

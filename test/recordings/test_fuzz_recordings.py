@@ -16,7 +16,7 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE, targets_message, WRENCH_TYPE
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.limits import LARGEST_CHUNK
 from pneunet_ros.recordings.mcap_records import chunk_content
 from pneunet_ros.recordings.message_store import (
     deserialize,
@@ -134,8 +134,8 @@ def test_a_chunk_is_not_unpacked_beyond_what_it_announces(compression):
     try:
         with pytest.raises(ValueError, match='size'):
             chunk_content(chunk(1000))
-        with pytest.raises(ValueError, match=str(LIMITS.chunk)):
-            chunk_content(chunk(LIMITS.chunk + 1))
+        with pytest.raises(ValueError, match=str(LARGEST_CHUNK)):
+            chunk_content(chunk(LARGEST_CHUNK + 1))
         assert tracemalloc.get_traced_memory()[1] < 100_000_000
     finally:
         tracemalloc.stop()

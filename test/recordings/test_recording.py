@@ -15,7 +15,6 @@ from pneunet_ros.messages.readings import (
     PRESSURE_TYPE,
     WRENCH_TYPE,
 )
-from pneunet_ros.recordings.limits import RecordingLimits
 from pneunet_ros.recordings.message_store import jazzy, serialize
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -373,7 +372,7 @@ def test_a_recording_of_which_nothing_is_left_says_why(tmp_path):
 
 
 def test_chunks_that_all_overlap_are_not_held_in_memory_for_ever(tmp_path, monkeypatch):
-    monkeypatch.setattr('pneunet_ros.recordings.recording.LIMITS', RecordingLimits(waiting=50_000))
+    monkeypatch.setattr('pneunet_ros.recordings.recording.MOST_WAITING', 50_000)
     times = [index % 2 * 10**6 + index for index in range(400)]
     recording = open_recording(write_by_mcap(tmp_path / 'r.mcap', times))
     with refused(RecordingError, 'too_large'):
