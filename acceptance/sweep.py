@@ -16,7 +16,7 @@ import argparse
 from collections.abc import Callable, Iterator
 import contextlib
 import csv
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 import functools
 import gc
 import importlib
@@ -302,28 +302,120 @@ def fusions() -> Figures:
         recording = rig_recording(name, seconds)
         for wrench in (False, True) if name == 'nothing wrong' else (False,):
             rows, said = everyday_causes.fuse(fusion, recording, name, 500_000, wrench=wrench)
-            key = f'{name}{", force sensor" if wrench else ""}:'
-            numbers = everyday_causes.numbers_of(rows[None])
-            found |= {f'{key} {what}': value for what, value in numbers.items()}
-            for text in everyday_causes.shares_of(said):
-                if text:
-                    share, _, sentence = text.partition(' ')
-                    found[f'{key} says {sentence}'] = float(share)
+            found |= fused(f'{name}{", force sensor" if wrench else ""}', rows, said)
     return found
 
 
-def fused_files() -> Figures:
+def fused(key: str, rows: Any, said: list[tuple[str, ...]]) -> Figures:
+    """Return what a fusion came to: NUMBERS of readings, and what was said at each."""
+    import everyday_causes
+
+    numbers = everyday_causes.numbers_of(rows[None])
+    found: Figures = {f'{key}: {what}': value for what, value in numbers.items()}
+    for text in everyday_causes.shares_of(said):
+        if text:
+            share, _, sentence = text.partition(' ')
+            found[f'{key}: says {sentence}'] = float(share)
+    return found
+
+
+FAILS, WORKS = 1.5, 3.5  # s, from when to when something is wrong
+
+
+@functools.cache
+def moving_recording(pushed: bool) -> Any:
+    """Return five seconds of the rig with ten frames each; something pushes the arm, or not."""
+    from pneunet_ros.files.scenario_file import load_scenario
+    from pneunet_ros.lab.lab_arm import vary_arm
+    from pneunet_ros.lab.protocols import RandomMix
+    from pneunet_ros.lab.sensors import Rates
+    from pneunet_ros.lab.simulation import simulate
+
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    push = {'force': -0.03, 'place': 0.6, 'begins': FAILS, 'ends': WORKS, 'ramp': 0.1}
+    return simulate(
+        replace(
+            scenario,
+            seed=7,
+            arm=vary_arm(scenario.arm, 5000),
+            noise=replace(scenario.noise, jitter_std=0.0, occlusions=0.0),
+            rates=Rates(pressure=10.0, wrench=10.0, frames=10.0),
+            protocol=RandomMix(duration=5.0, rest=0.4, seed=7.0, lowest=15e3, top=55e3),
+        ).with_effects({'push': push} if pushed else {})
+    )
+
+
+def failing(fault: str, wrench: bool) -> Figures:
+    """Fuse a recording in which something fails for a while, or pushes the arm."""
+    from everyday_causes import CONTACT, NUMBERS, row_of
+    from pneunet_ros.core.readings import PressureReading
+    from pneunet_ros.fusion.estimate import FusedEstimate
+    from pneunet_ros.fusion.fusion import Fusion
+    from pneunet_ros.fusion.state import FusionState
+    from rigs import read_sensors, sightings_of, wrench_of
+
+    recording = moving_recording(fault == 'push')
+    truth, read = recording.truth, read_sensors(recording, np.random.default_rng(13))
+    x, y = recording.x.copy(), recording.y.copy()
+    wrong = (truth.time > FAILS) & (truth.time < WORKS)
+    first = int(np.flatnonzero(wrong)[0])
+    if fault == 'force sensor hangs':
+        read[wrong, :3] = read[first, :3]
+    elif fault == 'force sensor off':
+        read[wrong, 0] += 0.03
+    elif fault == 'pressure hangs':
+        read[wrong, 3] = read[first, 3]
+    elif fault == 'frames repeat':
+        x[wrong], y[wrong] = x[first], y[first]
+    elif fault == 'camera pushed':
+        x[wrong] += 3e-3
+    elif fault == 'targets hidden':
+        x[wrong, :-5] = y[wrong, :-5] = np.nan
+        x[wrong, -3] += 3e-3
+    fusion, state = Fusion(arm=rig()), FusionState()
+    rows, said = np.full((truth.time.size, len(NUMBERS)), np.nan), []
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()):
+        if wrench:
+            state, _ = fusion.step(state, wrench_of(stamp, read[instant]))
+        state, _ = fusion.step(state, sightings_of(stamp, x[instant], y[instant]))
+        reading = PressureReading(stamp_ns=stamp, pressure=float(read[instant, 3]))
+        state, outcome = fusion.step(state, reading)
+        sentences: tuple[str, ...] = ()
+        if isinstance(outcome, FusedEstimate):
+            tip = np.array([truth.x[instant, -1], truth.y[instant, -1]])
+            rows[instant] = row_of(outcome, tip, truth.force[instant])
+            sentences = (*outcome.estimate.warnings, *(CONTACT,) * (outcome.contact is not None))
+        said.append(sentences)
+    return fused(f'{fault}{", force sensor" if wrench else ""}', rows, said)
+
+
+FAULTS = (
+    ('push', False),
+    ('push', True),
+    ('force sensor hangs', True),
+    ('force sensor off', True),
+    ('pressure hangs', False),
+    ('frames repeat', False),
+    ('camera pushed', False),
+    ('targets hidden', False),
+)
+
+
+def failures() -> Figures:
+    """Fuse recordings of a rig in which a sensor fails, or something pushes the arm."""
+    return {key: value for fault in FAULTS for key, value in failing(*fault).items()}
+
+
+def fused_file() -> Figures:
     """Fuse what is shipped, as a verb does."""
-    found = fusions()
     with tempfile.TemporaryDirectory() as folder:
         words = ('--fuse', '--model', 'config/lab_arm.yaml', '--output', f'{folder}/o.mcap')
-        found |= named('fuse held out', verb('replay', 'bags/lab_day/heldout.mcap', *words))
-    return found
+        return named('fuse held out', verb('replay', 'bags/lab_day/heldout.mcap', *words))
 
 
-def measurements() -> Figures:
-    """Return what fusions and judges of recordings say, and a calibration."""
-    found = fusions()
+def checks() -> Figures:
+    """Return what judges of recordings say."""
+    found: Figures = {}
     for path in ('bags/lab_day/loaded.mcap', 'bags/lab_day/heldout.mcap'):
         found |= named(f'check {path}', verb('check', path, '--model', 'config/lab_arm.yaml'))
     return found
@@ -446,24 +538,31 @@ def films() -> Figures:
     return found
 
 
-FIGURES: dict[str, Callable[[], Figures]] = {
-    'solver': shapes,
-    'model': shapes,
-    'estimation': replays,
-    'fusion': fused_files,
-    'measurement': measurements,
-    'calibration': calibrations,
-    'reports': calibrations,
-    'diagnosis': diagnoses,
-    'discovery': diagnoses,
-    'vision': films,
+# Asked one after the other, until one moves.
+FIGURES: dict[str, tuple[Callable[[], Figures], ...]] = {
+    'solver': (shapes,),
+    'model': (shapes,),
+    'estimation': (replays,),
+    'fusion': (failures, fusions, fused_file),
+    'measurement': (checks, calibrations),
+    'calibration': (calibrations,),
+    'reports': (calibrations,),
+    'diagnosis': (diagnoses,),
+    'discovery': (diagnoses,),
+    'vision': (films,),
 }
 
 
 # Classes whose numbers are not asked in what their room does most.
 FIGURES_OF: dict[str, Callable[[], Figures]] = dict.fromkeys(
-    ('AssociationSettings', 'BeamSearchSettings', 'RestPlaneSettings', 'PriorSettings'), rows_found
-) | {'ClockDelaySettings': delays}
+    ('AssociationSettings', 'BeamSearchSettings', 'RestPlaneSettings', 'PriorSettings'),
+    (rows_found,),
+) | {'ClockDelaySettings': (delays,)}
+FIGURES_OF |= dict.fromkeys(
+    ('Camera', 'Push', 'ModelDiscrepancy', 'PressureError', 'ForceSensor', 'TipForce',
+     'SizedBlock', 'ModelColumns', 'Tilt', 'BetweenReadingsSettings'),
+    (failures, fusions, fused_file),
+)  # fmt: skip
 
 
 def attempted(figures: Callable[[], Figures]) -> Figures:
@@ -516,16 +615,23 @@ def sizes_of(figures: Figures) -> dict[str, float]:
     return sizes
 
 
-def swept(number: Number, before: Figures, figures: Callable[[], Figures]) -> list[str]:
-    """Return the row of a number: what moves where it is halved, and where it is doubled."""
+def swept(number: Number, befores: dict[Callable[[], Figures], Figures]) -> list[str]:
+    """Return the row of a number: what moves where it is halved, and where it is doubled.
+
+    befores: the figures as they are, of each set that is asked.
+    """
     row = [number.room, str(number), repr(number.default)]
     for factor in (0.5, 2.0):
         value = number.times(factor)
         if value is None:
             row.append('not a number')
             continue
-        with changed(number, value):
-            row.append(moved(before, attempted(figures)))
+        for figures, before in befores.items():
+            with changed(number, value):
+                told = moved(before, attempted(figures))
+            if not told.startswith('nothing'):
+                break
+        row.append(told)
     return row
 
 
@@ -545,10 +651,11 @@ def main(words: list[str] | None = None) -> int:
     numbers = [one for one in numbers_of(asked.room) if not asked.only or str(one) in asked.only]
     befores: dict[Any, Figures] = {}
     for number in numbers:
-        figures = FIGURES_OF.get(number.owner.__name__, FIGURES[number.room])
-        if figures not in befores:
-            befores[figures] = baseline(figures)
-        row = swept(number, befores[figures], figures)
+        sets = FIGURES_OF.get(number.owner.__name__, FIGURES[number.room])
+        for figures in sets:
+            if figures not in befores:
+                befores[figures] = baseline(figures)
+        row = swept(number, {figures: befores[figures] for figures in sets})
         kept[row[0], row[1]] = row
         print(*row, sep=' | ', file=sys.stderr, flush=True)
         write(asked.output, list(kept.values()))
