@@ -16,12 +16,12 @@ from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.callback_errors import CallbackErrors, refuse_call
 from pneunet_ros.nodes.connections import mismatch_sentences, rival_sentences
+from pneunet_ros.nodes.load_shedding import LoadShedding
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.losses import Losses
 from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
 from pneunet_ros.nodes.parameters import ParameterTable, undeclared_overrides
 from pneunet_ros.nodes.sensor_description import MOST_NODES, OtherDescriptions
-from pneunet_ros.nodes.shedding import FrameShedding
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -74,7 +74,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.candidate = self.configuration
         self.log = Log(self.get_logger())
         self.ready_at = math.inf  # s of a steady clock
-        self.losses, self.shedding = Losses(), FrameShedding()
+        self.losses, self.shedding = Losses(), LoadShedding()
         self.other_descriptions = OtherDescriptions()
         # Times of the settings of another node, while they are set here.
         self.adopted_times: dict[str, int] = {}

@@ -25,9 +25,9 @@ from pneunet_ros.messages.readings import (
     PRESSURE,
     TARGETS,
 )
+from pneunet_ros.nodes.load_shedding import MOST_WAITING
 from pneunet_ros.nodes.prompt_executor import ImmediateGroup, never
 from pneunet_ros.nodes.ros_types import deserialize, message_class
-from pneunet_ros.nodes.shedding import MOST_WAITING
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -110,7 +110,7 @@ def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]
     """Subscribe to sensor topics, and process their messages in one common order.
 
     takes: callbacks (message, info) by sensor, in the order for ties. While the node is late,
-    frames are dropped (`FrameShedding`).
+    frames are dropped (`LoadShedding`).
     """
     order = arrival_order(takes)
     node.shedding.backlog = partial(order.backlog, PRESSURE.name)
@@ -119,7 +119,7 @@ def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]
     for sensor, take in takes.items():
         if sensor is TARGETS:
             note = partial(node.note_message, node.resolve_topic_name(sensor.topic))
-            take = node.shedding.sheds(take, note)
+            take = node.shedding.drop_frames_if_late(take, note)
         read = partial(deserialize, type_name=sensor.type)
         group = group_of(node, order, sensor.name, read, node.shedding.is_full)
         qos = input_qos(DEPTH_OF.get(sensor, DEPTH))

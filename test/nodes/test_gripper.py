@@ -31,8 +31,8 @@ from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
     gripper_of,
     GripperSettings,
 )
+from pneunet_ros.nodes.load_shedding import LoadShedding, MOST_WAITING  # noqa: E402
 from pneunet_ros.nodes.sensor_description import OtherDescriptions  # noqa: E402
-from pneunet_ros.nodes.shedding import FrameShedding, MOST_WAITING  # noqa: E402
 from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper  # noqa: E402
 from sensor_msgs.msg import FluidPressure, JointState  # noqa: E402
 from support.dds_peer import NodeProcess, Peer, running_node, SensorsPeer  # noqa: E402
@@ -335,7 +335,7 @@ def test_a_wrong_block_is_one_sentence(tmp_path):
     [(0.5, 0.4, False), (0.5, 0.6, True), (0.001, 0.1, False), (0.001, 0.3, True)],
 )
 def test_readings_wait_for_input_timeout_and_are_never_lost_before_frames(timeout, span, full):
-    shedding = FrameShedding()
+    shedding = LoadShedding()
     shedding.timeout = lambda: timeout
     shedding.span = lambda: round(1e9 * span)
     assert shedding.is_full() is full
@@ -347,9 +347,9 @@ def test_readings_wait_for_input_timeout_and_are_never_lost_before_frames(timeou
 def test_frames_are_left_out_from_when_a_node_is_late_until_only_their_reading_waits(
     interval_ns, most
 ):
-    shedding, taken, waiting, noted = FrameShedding(), [], [0], []
+    shedding, taken, waiting, noted = LoadShedding(), [], [0], []
     shedding.backlog = lambda: (waiting[0], interval_ns * max(waiting[0] - 1, 0))
-    take = shedding.sheds(lambda message, info: taken.append(message), noted.append)
+    take = shedding.drop_frames_if_late(lambda message, info: taken.append(message), noted.append)
     counts = [0, most - 1, most, most - 1, 2, 1, 0]
     for count in counts:
         waiting[0] = count

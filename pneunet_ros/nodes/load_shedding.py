@@ -1,7 +1,8 @@
-"""What a late node does: it skips frames, then readings, and reports how late it is.
+"""Load shedding: a late node drops frames, then readings, and reports how late it is.
 
-Frames are dropped first. Readings wait for at most `input_timeout`, as if the sensor were silent:
-the rest stays in the queues of the middleware, which keep the last ones, and count as lost.
+Frames are dropped first. Readings wait for at most `input_timeout`, the time after which a silent
+sensor is reported. Later readings stay in the queues of the middleware, which keep only the last
+ones; the others count as lost.
 """
 
 from __future__ import annotations
@@ -13,20 +14,20 @@ from typing import Any
 
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 
-# Pressures. As many as the queue of a subscription holds: a node that is later than this, and is
-# busy as long once more, loses readings (0.2 s at 100 Hz).
+# Pressures, as many as the queue of a subscription holds: 0.2 s at 100 Hz. If a node has fallen
+# this far behind and is then busy for the same time again, it loses readings.
 MOST_WAITING = 20
-# The same time at any rate: all frames of a backlog are dropped, and a gap of `target_timeout`
-# would leave the fusion without the camera.
+# The same time for any rate: all frames of a backlog are dropped, and the fusion stops using the
+# camera after a gap of `target_timeout`.
 LONGEST_BACKLOG_NS = 200_000_000
-FEW_WAITING = 1  # pressure: that of a frame arrives just after it
+FEW_WAITING = 1  # the pressure of a frame arrives just after the frame
 
 
-class FrameShedding:
-    """Drops and counts frames while the backlog of pressures is too long.
+class LoadShedding:
+    """Drops frames, then stops receiving, while the backlog of pressures is too long.
 
-    backlog: returns the number of waiting pressures, and the time span (ns) of their arrival;
-    span: returns that of all waiting messages; timeout: returns how long (s) they may wait.
+    backlog: returns the number of waiting pressures, and the time span (ns) of their arrivals;
+    span: returns the time span of all waiting messages; timeout: returns the longest wait (s).
     """
 
     def __init__(self) -> None:
@@ -37,7 +38,9 @@ class FrameShedding:
         self._unreported = 0
         self._late = False
 
-    def sheds(self, take: Callable[..., None], note: Callable[[Any], None]) -> Callable[..., None]:
+    def drop_frames_if_late(
+        self, take: Callable[..., None], note: Callable[[Any], None]
+    ) -> Callable[..., None]:
         """Return a frame callback that drops frames while the node is late.
 
         note: called with the message info of a dropped frame, which does not count as lost.
@@ -64,7 +67,8 @@ class FrameShedding:
     def is_full(self) -> bool:
         """Whether messages have been waiting for so long that no others are received.
 
-        Never before frames are dropped, nor while a reading still waits for one of its stamp.
+        It is never true before frames are dropped, nor while a reading waits for another sensor's
+        reading of the same stamp.
         """
         longest_ns = max(self.timeout() * NANOSECONDS_PER_SECOND, LONGEST_BACKLOG_NS)
         return self.span() >= longest_ns
