@@ -110,6 +110,11 @@ def quantities(owner: Any) -> tuple[dataclasses.Field[Any], ...]:
     return tuple(field for field in dataclasses.fields(owner) if 'unit' in field.metadata)
 
 
+def list_fields(owner: Any) -> tuple[str, ...]:
+    """Return the names of the other fields of such a dataclass, which are lists of numbers."""
+    return tuple(field.name for field in dataclasses.fields(owner) if 'unit' not in field.metadata)
+
+
 def check_quantities(owner: Any, where: str, error: type[PneunetError] = ModelError) -> None:
     """Reject a value that is not a number, NaN, or outside its declared bounds.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from pneunet_ros.core.arrays import table_array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import list_fields
 from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.lab.lab_arm import LabArm, vary_arm
 from pneunet_ros.lab.lab_effect import LabEffect
@@ -152,7 +153,7 @@ def values_of(
     other_keys: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Return numbers and lists of numbers of a block; other keys are ignored."""
-    values, lists = FILE.mapping(content, where), kind.lists()
+    values, lists = FILE.mapping(content, where), list_fields(kind)
     numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, where, (*other_keys, *lists))}
     return numbers | {
         name: tuple(table_array(values[name], f'{where}.{name}', 1, RequestError).tolist())

@@ -5,7 +5,7 @@ A scenario with a block `motion` is simulated by MuJoCo, one without as a series
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -80,11 +80,6 @@ class LabMotion:
                 )
             if not np.all(np.isfinite(row)):
                 raise RequestError(f'motion.{name} must be finite numbers', reason='not_finite')
-
-    @classmethod
-    def lists(cls) -> tuple[str, ...]:
-        """Return the names of fields that are lists of numbers."""
-        return tuple(item.name for item in fields(cls) if 'unit' not in item.metadata)
 
     def turn(self, share: Array) -> tuple[Array, Array, Array]:
         """Return angle (rad) of the base and its derivatives by the share of time (n,)."""

@@ -6,13 +6,13 @@ Steps are ramps of finite duration. If the force is exactly zero, nothing is att
 from __future__ import annotations
 
 import abc
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
 
 import numpy as np
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.core.units import check_quantities, list_fields, quantity
 from pneunet_ros.lab.timeline import Leg, share_of_time, Timeline, timeline
 
 SHORTEST = 0.2  # s
@@ -46,18 +46,13 @@ class Protocol(abc.ABC):
     def __post_init__(self) -> None:
         """Check times, pressures and forces."""
         check_quantities(self, 'protocol', RequestError)
-        for name in self.lists():
+        for name in list_fields(self):
             values = getattr(self, name)
             if not values or not all(math.isfinite(value) for value in values):
                 raise RequestError(
                     f'protocol.{name} must be a list of numbers', reason='not_a_table'
                 )
             object.__setattr__(self, name, tuple(float(value) for value in values))
-
-    @classmethod
-    def lists(cls) -> tuple[str, ...]:
-        """Return the names of fields that are lists of numbers."""
-        return tuple(item.name for item in fields(cls) if 'unit' not in item.metadata)
 
     @abc.abstractmethod
     def timeline(self) -> Timeline:
@@ -250,7 +245,7 @@ class Corners(Protocol):
 
     def timeline(self) -> Timeline:
         """Return the course."""
-        if len({len(getattr(self, name)) for name in self.lists()}) > 1:
+        if len({len(getattr(self, name)) for name in list_fields(self)}) > 1:
             raise RequestError(
                 'protocol: share, pressure and forces must be of equal length',
                 reason='wrong_shape',
