@@ -58,6 +58,10 @@ class MotionFit:
             f'{millimeters(self.still_rms):.2g} mm from its equilibrium'
         )
 
+    def applied_to(self, arm: Arm) -> Arm:
+        """Return an arm with the fitted motion."""
+        return replace(arm, motion=self.motion, sources={**arm.sources, 'motion': self.sentence})
+
 
 def fit_motion(
     arm: Arm,

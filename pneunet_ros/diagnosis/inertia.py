@@ -23,7 +23,6 @@ from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Estimated, Misfit, NamedEffect
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
 NAME = Inertia.name
@@ -222,11 +221,6 @@ def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
         certainty=f'{diagnosis.certainty} {fit.sentence}.',
         effects=(*diagnosis.effects, effect),
         detectable=detectable(diagnosis, 2.0 * fit.damping_time_std),
-        after=replace(diagnosis.after, arm=moving(diagnosis.after.arm, fit)),
+        after=replace(diagnosis.after, arm=fit.applied_to(diagnosis.after.arm)),
         closed=removed_share(before, after, diagnosis.noise_floor),
     )
-
-
-def moving(arm: Arm, fit: MotionFit) -> Arm:
-    """Return an arm with the fitted motion."""
-    return replace(arm, motion=fit.motion, sources={**arm.sources, 'motion': fit.sentence})

@@ -132,7 +132,7 @@ def run(arguments: Namespace) -> int:
             if swinging:
                 on_progress('motion', 0, 0)
                 motion, motion_note = fitted_motion(arm, swinging)
-                arm = arm if motion is None else with_motion(arm, motion)
+                arm = arm if motion is None else motion.applied_to(arm)
             calibration = replace(calibration, arm=arm)
             save_model(arm, arguments.output, overwrite=arguments.overwrite)
             save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
@@ -174,11 +174,6 @@ def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | 
     except RequestError as error:
         return None, f'the model has no motion: {error}'
     return fit, fit.sentence
-
-
-def with_motion(arm: Arm, fit: MotionFit) -> Arm:
-    """Return a calibrated arm with the fitted motion."""
-    return replace(arm, motion=fit.motion, sources={**arm.sources, 'motion': fit.sentence})
 
 
 def files_of(arguments: Namespace) -> Files:
