@@ -1,7 +1,7 @@
-"""The paper's two experiments: recordings without and with end load -> a model with error bars.
+"""Calibration by the paper's two experiments: recordings without and with end load.
 
-Experiment 1 gives kappa_p0(p, s) from unloaded recordings alone; experiment 2 the moment law from
-loaded ones. The last fit uses all recordings together, through the equilibrium.
+Experiment 1 determines kappa_p0(p, s) from unloaded recordings alone, experiment 2 the moment law
+from loaded ones. The last fit uses all recordings together, through the equilibrium.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 class Calibration:
     """The result: the arm, its fits, the noise, and a comparison of moment laws.
 
-    posterior: the prior for continuing this calibration. free is the fit of experiment 1; joint
-    that of all recordings (equal to free if none is loaded). explained_variance: share of the
+    posterior: the prior for continuing this calibration. free: the fit of experiment 1; joint: the
+    fit to all recordings (equal to free if none is loaded). explained_variance: share of the
     shape's variance in the low-rank covariance of the model file. notes: undetermined quantities,
     and recordings that do not fit the others. variation: variation of the stiffness along the arm;
     None if it was not tested. motion: frames that were left out because the arm was moving; None
@@ -280,7 +280,7 @@ def calibrate_as_stamped(
 
 
 def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
-    """Return the number of model fits for a calibration with this many loaded runs."""
+    """Return how many model fits a calibration with this many loaded runs takes."""
     if resolution.constant_pressure:
         return 2
     if not loaded:
@@ -310,7 +310,7 @@ def describe_thinning(
 
 
 def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
-    """Describe the selected structure: numbers along the arm, and the elongation."""
+    """Describe the selected model structure: numbers along the arm, and elongation."""
     notes, parameters = [], fit.parameters
     if parameters.shapes is not None and parameters.shapes < resolution.shapes:
         notes.append(
@@ -332,8 +332,8 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
             Note(
                 f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
                 f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(parameters.pressure[-1]):.3g} '
-                'kPa: this makes the recordings more probable, so the model includes the effect '
-                'pressure_elongation',
+                'kPa: the model includes the effect pressure_elongation, because this makes the '
+                'recordings more probable',
                 reason='elongation',
             )
         )

@@ -52,7 +52,7 @@ class CameraClock:
 
     @property
     def evidence(self) -> float:
-        """Log odds that the clock is wrong, given its frames."""
+        """Return the log odds that the clock is wrong, given its frames."""
         observed = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
         if not observed > 0.0:
             return -ODDS_AGAINST
@@ -63,7 +63,7 @@ class CameraClock:
 
     @property
     def sentence(self) -> Note:
-        """Describe it for users."""
+        """Describe the deviation for users."""
         lost = 'lost frames that were not counted' if self.rate < 0.0 else 'a wrong frame rate'
         return Note(
             f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '
@@ -78,9 +78,9 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     """Return the clocks whose rate is observable from the frames of a fit, by recording.
 
     noise: of the fit. All clocks are estimated together, because a wrong clock biases the arm and
-    thereby the other recordings. To first order, this bias may look like a wrong clock there.
-    Therefore only clocks with at least half of the greatest evidence are returned; the others may
-    be right.
+    thereby the other recordings. To first order, this bias may look like wrong clocks of the other
+    recordings. Therefore only clocks with at least half of the largest evidence are returned; the
+    others may be right.
     """
     posterior, last = posterior_at(fit, noise)
     prior, timed = posterior.prior, list[RecordingData]()
@@ -145,7 +145,8 @@ def middle_of(run: RecordingData) -> int:
 def velocities(arm: Arm, run: RecordingData) -> Array:
     """Return the velocities of targets and of the last heading, (frames, coordinates) m/s.
 
-    They are from the readings just before and after each frame; zero if the arm has no shape.
+    They are computed from the readings just before and after each frame; zero if the arm has no
+    shape.
     """
     other_effects = tuple(item for item in arm.effects if not item.frame_delay)
     arms = [

@@ -51,7 +51,7 @@ def is_given(arm: Arm) -> bool:
 def without_fitted(arm: Arm) -> Arm:
     """Remove the elongation that an earlier calibration fitted, if any.
 
-    The covariance is removed with it: it holds only for the elongating arm.
+    The covariance is removed as well, because it is valid only for the elongating arm.
     """
     if arm.sources.get(KEY) != FITTED:
         return arm

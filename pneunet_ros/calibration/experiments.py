@@ -48,7 +48,7 @@ FIRST_ALPHA = 0.05  # with which the search for the stiffness begins
 class LawScore:
     """Scores of a moment law, one per left-out loaded recording.
 
-    fits: without each of these recordings.
+    fits: those without each of these recordings.
     """
 
     kind: str
@@ -64,10 +64,10 @@ class LawScore:
 class FitSequence:
     """Successive fits, each started from the previous one.
 
-    planned, done: number of planned fits, 0 if unknown, and of finished ones. low, high (Pa):
-    pressure range of the recordings. uniform: kappa_p0 is constant along the arm, as a part of the
-    model. resolution: of the recordings; None: everything is fitted. shapes, elongates: as in
-    `Parameters`; the largest ones to try until the first experiment has chosen.
+    planned, done: number of planned fits (0 if unknown) and of finished fits. low, high (Pa):
+    pressure range of the recordings. uniform: whether kappa_p0 is constant along the arm by
+    definition of the model. resolution of the recordings; None: everything is fitted. shapes,
+    elongates: as in `Parameters`; until the first experiment has chosen, the largest ones to try.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class FitSequence:
         resolution: Resolution | None = None,
         settings: CalibrationSettings = CALIBRATION,
     ) -> None:
-        """Take an arm with the fixed parameters, and all recordings."""
+        """Initialize with an arm that has the fixed parameters, and with all recordings."""
         self.frame, self.noise, self.on_progress = frame, noise, on_progress
         self.planned = self.done = 0
         self.settings, experiments = settings, settings.experiments
@@ -132,7 +132,7 @@ class FitSequence:
 
     @property
     def wide_prior(self) -> Hyperparameters:
-        """The prior of kappa_p0 for any arm of this length."""
+        """Prior of kappa_p0 for any arm of this length."""
         experiments, length = self.settings.experiments, self.frame.length
         return Hyperparameters(
             amplitude=experiments.amplitude / length,
@@ -148,7 +148,7 @@ class FitSequence:
     def law(
         self, kind: str, stiffness: float, span: tuple[float, float] | None = None
     ) -> MomentLawParameters:
-        """Return parameters of a moment law around a stiffness (N m^2); span: pressures (Pa)."""
+        """Return the parameters of a moment law around a stiffness (N m^2); span (Pa)."""
         low, high = span or (self.low, self.high)
         return MOMENT_LAW_PARAMETERS[kind](
             stiffness=stiffness,
@@ -169,7 +169,7 @@ class FitSequence:
         most: int | None = None,
         earlier: PosteriorState | None = None,
     ) -> Fit:
-        """Fit, reporting progress; most: the maximum number of frames of every run."""
+        """Fit and report progress; most: largest number of frames per run."""
         parameters = Parameters(
             frame=self.frame,
             pressure=self.rows if earlier is None else earlier.pressure,
@@ -213,7 +213,7 @@ class FitSequence:
         return self.fit('kappa_p0', unloaded, best.hyperparameters, start=start)
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
-        """Return the uniform stiffness EI (N m^2) that explains the loads best, as a start."""
+        """Return the uniform stiffness EI (N m^2) that explains the loads best, to start a fit."""
         likely = self.likely_stiffness(runs, free.arm, free.placement)
         law = self.law(LinearLaw.kind, likely)
         frames = self.settings.experiments.first_frames
@@ -223,7 +223,7 @@ class FitSequence:
     def likely_stiffness(
         self, runs: Sequence[RecordingData], arm: Arm, placement: Array | None = None
     ) -> float:
-        """Return the EI (N m^2) that fits the targets best, as a start.
+        """Return the EI (N m^2) that fits the targets best, to start a fit.
 
         placement (2, targets) m: of the targets, as far as it is known.
 

@@ -1,8 +1,8 @@
 """Initial guess of kappa_p0: circular arcs through the targets of each frame.
 
 A search that starts with a straight arm passes through shapes far from the data. There, a table
-that jumps from row to row explains any misfit by the noise of the pressure, and with a noisy
-sensor the search may not recover. Weight bends the arm as well, so this is only a starting point.
+that jumps from row to row explains any misfit by pressure noise, and with a noisy sensor the
+search may not recover. Weight also bends the arm, so the guess is only a starting point.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ARCS = 401  # tried
 
 
 def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) -> Array:
-    """Return the curvature (rows,) 1/m at pressures (rows,) Pa, on a line over the pressure.
+    """Return the curvature (rows,) 1/m at pressures (rows,) Pa, linear in the pressure.
 
     runs: unloaded; arm: with the targets and the angle of the clamp.
     """
@@ -45,9 +45,10 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
 
 
 def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return the tip angle (frames,) rad relative to the clamp, and the frames that show it.
+    """Return the tip angle (frames,) rad relative to the clamp, and the frames that show the tip.
 
-    It is assumed to change by less than half a turn between frames of rising pressure.
+    The angle is assumed to change by less than half a turn from one frame to the next higher
+    pressure.
     """
     turns = []
     for run in runs:

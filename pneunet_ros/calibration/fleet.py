@@ -1,8 +1,8 @@
 """Comparison of calibrated arms at one pressure, and outlier detection.
 
 Arms of one design differ. Center and scatter are estimated robustly, so that odd arms do not mask
-themselves. The distance of an arm from the center is relative to scatter and error bars together;
-the distance of the furthest of similar arms is simulated with the same error bars.
+themselves. The distance of an arm from the center is relative to scatter and error bars together.
+Simulated fleets of similar arms, with the same error bars, show how far the furthest arm may be.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EVEN = 1e-4  # of the curvature: a spread along an arm that counts as zero
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetSettings:
-    """Criteria for an odd arm."""
+    """Criteria for outliers."""
 
     level: float = tuning(
         0.01, 'false-alarm probability per fleet of equal arms', source='convention'
@@ -78,11 +78,11 @@ class ArmNumbers:
 class Fleet:
     """Arms side by side.
 
-    pressure (Pa) of the comparison; numbers (n,) known for several arms; values and stds (arms,
-    n), NaN if unknown for an arm; center and scatter (n,): mean of alike arms, and their
-    differences beyond the error bars. p_values (arms,): probability that the furthest of as many
-    alike arms is as far off, NaN if an arm is not compared; log_chance (arms,): the same for this
-    arm alone, for sorting.
+    pressure (Pa) of the comparison; numbers (n,) that several arms have; values and stds (arms,
+    n), NaN if unknown for an arm; center and scatter (n,): mean of similar arms, and their
+    differences beyond the error bars. p_values (arms,): probability that the furthest of equally
+    many similar arms deviates at least as much, NaN if an arm is not compared; log_chance (arms,):
+    log of this probability for a single arm, for sorting.
     """
 
     names: tuple[str, ...]
@@ -108,7 +108,7 @@ class Fleet:
 
     @property
     def sentence(self) -> str:
-        """Describe the odd arms, or why none is called odd."""
+        """Describe the outliers, or say why there are none."""
         compared = int(np.count_nonzero(np.isfinite(self.p_values)))
         if not compared:
             return (
@@ -213,7 +213,7 @@ def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
 
 
 def mean_stiffness(arm: Arm, pressure: float) -> float:
-    """Return the bending stiffness (N m^2) of the whole arm: its sections in series."""
+    """Return the bending stiffness (N m^2) of the whole arm: that of its sections in series."""
     law = arm.moment_law
     known = np.clip([pressure], *law.pressure_range)
     (sections,) = law.sections(known, arm.length, arm.weight)
@@ -264,7 +264,7 @@ def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int =
 
 
 def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Array, Array]:
-    """Return values (arms, n) and covariances (arms, n, n), NaN and zero where not known."""
+    """Return values (arms, n) and covariances (arms, n, n), NaN and zero where unknown."""
     values = np.full((len(arms), len(numbers)), np.nan)
     covariance = np.zeros((len(arms), len(numbers), len(numbers)))
     for row, arm in enumerate(arms):
@@ -281,18 +281,19 @@ def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Arr
 
 
 def distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Return center, scatter and the probability of each arm's distance, for many fleets at once.
+    """Return center, scatter and the probability of each arm's deviation, for many fleets at once.
 
-    A robust start selects the arms to use; center and scatter are the most probable ones for
-    these.
+    A robust initial estimate selects the arms to use; center and scatter are the most probable
+    ones for these arms.
 
     Args:
         values: (fleets, arms, n), NaN if unknown for an arm.
         covariance: of the error bars (arms, n, n), the same in every fleet.
 
     Returns:
-        center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their error
-        bars; log probability (fleets, arms) that an arm is as far off, NaN if it has no numbers.
+        center (fleets, n); scatter (fleets, n, n), the covariance of similar arms beyond their
+        error bars; log probability (fleets, arms) of a deviation at least as large, NaN if an arm
+        has no numbers.
     """
     center, scatter = robust_start(values, covariance)
     chance = log_chance(values, covariance, center, scatter)
@@ -317,7 +318,7 @@ def deviations_and_precision(
 ) -> tuple[Array, Array]:
     """Return the deviations of arms (fleets, arms, n) and their inverse covariance.
 
-    Both are zero for unknown numbers of an arm.
+    Both are zero where a number of an arm is unknown.
     """
     known = np.isfinite(values)
     both_known = known[..., :, None] & known[..., None, :]
@@ -356,7 +357,7 @@ def next_estimate(
 
 
 def robust_start(values: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return center (fleets, n) and scatter (fleets, n, n) by medians.
+    """Estimate center (fleets, n) and scatter (fleets, n, n) by medians.
 
     Correlations are those of Gnanadesikan and Kettenring (1972).
     """
@@ -374,8 +375,8 @@ def robust_start(values: Array, covariance: Array) -> tuple[Array, Array]:
 def center_and_scatter(values: Array, variances: Array) -> tuple[Array, Array]:
     """Return median and scatter beyond the error bars of each number, (fleets, n) each.
 
-    The scatter makes the median of the squared deviations, normalized by scatter and error bar,
-    equal to that of a standard normal variable; zero where error bars are enough.
+    With this scatter, the median of the squared deviations, normalized by scatter and error bar,
+    equals that of a standard normal variable; it is zero where the error bars alone suffice.
     """
     center = np.nanmedian(values, axis=1)
     square = np.zeros_like(center)
@@ -434,8 +435,8 @@ def simulate_smallest(
     """Return the smallest log probability in each of many simulated fleets of equal arms.
 
     The simulated fleets have the same number of arms, error bars and missing numbers, and use the
-    same estimate of center and scatter, because among few arms one is further off than chi squared
-    suggests.
+    same estimate of center and scatter, because with few arms the largest deviation exceeds that
+    of a chi squared distribution.
     """
     random = np.random.default_rng([seed, values.shape[0]])
     roots = [np.linalg.cholesky(with_jitter(one + scatter)) for one in covariance]
@@ -446,5 +447,5 @@ def simulate_smallest(
 
 
 def with_jitter(covariance: Array) -> Array:
-    """Return a covariance adjusted by rounding errors so that it has a Cholesky factor."""
+    """Return a covariance, changed by no more than rounding, that has a Cholesky factor."""
     return np.asarray(covariance + 1e-9 * np.diag(np.diag(covariance)))

@@ -1,6 +1,6 @@
 """Model selection: smoothness of kappa_p0, numbers along the arm, and elongation.
 
-All are chosen by the evidence of a first, linearized fit with all terms.
+The evidence of a first, linearized fit with all terms decides.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ def most_likely_parameters(
     """Return the parameters with the largest evidence among those tried.
 
     The data enter through the information of the fit and its vector, so nothing is solved again.
-    With few targets, an unevenly bending arm looks similar to an elongation, so it competes
-    (`nonuniformity`). length_scales: smoothness along the arm to choose from, of its length.
+    With few targets, an unevenly bending arm looks similar to an elongation, so uneven bending is
+    a competing hypothesis (`nonuniformity`). length_scales: smoothness along the arm to choose
+    from, of its length.
     """
     parameters = first.parameters
     known, cells = parameters.before_law, parameters.cells
@@ -49,7 +50,7 @@ def most_likely_parameters(
 def smoothnesses(
     first: Fit, parameters: Parameters, length_scales: Sequence[float]
 ) -> Iterator[Parameters]:
-    """Yield parameters for every smoothness; the amplitude of kappa_p0 comes from a fit."""
+    """Yield parameters for every smoothness; a fit gives the amplitude of kappa_p0."""
     largest = float(np.max(np.abs(first.values[: parameters.cells])))
     for length_scale, std, size in itertools.product(
         length_scales, HYPERPARAMETERS.stds, AMPLITUDES

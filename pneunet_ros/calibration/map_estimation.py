@@ -71,10 +71,10 @@ class ScaledPrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearizedPosterior:
-    """The posterior around scaled unknowns (n,): cost, normal matrix (n, n) and gradient (n,).
+    """The posterior linearized at scaled unknowns (n,): cost, normal matrix (n, n), gradient (n,).
 
     Matrix and gradient are those of the data; the prior adds the unit matrix and -scaled. bounds:
-    of a step.
+    limits of a step.
     """
 
     scaled: Array
@@ -100,9 +100,9 @@ class LinearizedPosterior:
 class Posterior:
     """Negative log posterior over all runs, and its linearization.
 
-    The forward models keep their equilibria as starting points. A trial starts from those of the
-    linearization: otherwise an arm that snapped to another equilibrium in a too large trial step
-    would stay there in the next.
+    The forward models keep their equilibria as starting points. Every trial starts from those of
+    the linearization, so that an arm that snaps to another equilibrium in a too large trial step
+    does not stay there.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Posterior:
         self.linearized: list[ForwardModel] = []
 
     def cost(self, scaled: Array, linearized: LinearizedPosterior) -> float:
-        """Return the cost, whitened as `linearized`; ModelError for invalid parameters."""
+        """Return the cost, whitened as in `linearize`; ModelError for invalid parameters."""
         values, disturbance = self.prior.unscale(scaled)
         arm = self.parameters.arm(values)
         cost = 0.5 * float(scaled @ scaled)
@@ -226,8 +226,8 @@ def fit(
     status = {
         End.CONVERGED: 'converged',
         End.STUCK: (
-            f'no step lowers the cost any more, with {search.gain:.2g} standard deviations left '
-            'to gain'
+            'no further step lowers the cost, although the linearization predicts a change of '
+            f'{search.gain:.2g} standard deviations'
         ),
         End.UNFINISHED: 'no convergence within the allowed steps',
     }[search.end]

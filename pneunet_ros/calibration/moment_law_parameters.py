@@ -1,4 +1,4 @@
-"""The parameters of the moment laws, one class per law, as numbers in a vector."""
+"""The parameters of the moment laws as vectors of numbers, one class per law."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class MomentLawParameters(abc.ABC):
         """Return the law with these constants; ModelError if they are invalid."""
 
     def slopes(self, pressure: Array) -> Array:
-        """Return the derivatives of the moved columns of sections, (n, columns, parameters).
+        """Return the derivatives of the columns that depend on the law, (n, columns, parameters).
 
-        All of these laws are linear in their parameters, so the result does not depend on their
+        All of these laws are linear in their parameters, so the derivatives do not depend on their
         values; pressure (n,) Pa. The last results are cached, because recordings are evaluated
         again and again.
         """
@@ -62,7 +62,8 @@ class MomentLawParameters(abc.ABC):
     def scalings(self, values: Array) -> Array:
         """Return the derivatives of parameters (n,) by ln EI of each section, (n, sections).
 
-        For a law in which a part of EI is given, such as Majidi's, they are for the rest.
+        For a law in which a part of EI is given, such as Majidi's, the derivatives are for the
+        rest.
         """
         return values[:, None]
 
@@ -73,7 +74,7 @@ class MomentLawParameters(abc.ABC):
 
     @abc.abstractmethod
     def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """Return the affected numbers of the model file, and their change per parameter."""
+        """Return the numbers of the model file that change, and their change per parameter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,7 +121,7 @@ class PiecewiseParameters(MomentLawParameters):
 
     @property
     def sections(self) -> int:
-        """One on each side of the split."""
+        """The number of sections: one on each side of the split."""
         return 2
 
     def scalings(self, values: Array) -> Array:
@@ -133,13 +134,13 @@ class PiecewiseParameters(MomentLawParameters):
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """The split has bounds."""
+        """Limits of the parameters, including those of the split."""
         low, high = np.full(self.mean.size, -np.inf), np.full(self.mean.size, np.inf)
         low[ALPHAS:], high[ALPHAS:] = LEAST_SPLIT, MOST_SPLIT
         return low, high
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
-        """Eq 10 with these constants."""
+        """Return Eq 10 with these constants."""
         return PiecewiseLinearLaw(
             pressure=self.rows,
             split=np.clip(values[ALPHAS:], LEAST_SPLIT, MOST_SPLIT),
@@ -211,7 +212,7 @@ PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.00
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MajidiParameters(OneConstantParameters):
-    """Eq 11: one elastic modulus; kappa0 is fitted as for other laws.
+    """Eq 11: one elastic modulus; kappa0 is fitted as with the other laws.
 
     The cross-section is that of the law of the given arm, if it has one, or that of Figure 1 of
     the paper.
@@ -233,7 +234,7 @@ class MajidiParameters(OneConstantParameters):
 
     @property
     def section(self) -> dict[str, float]:
-        """Sizes of the cross-section (m) by name."""
+        """Dimensions of the cross-section (m) by name."""
         if self.assumed:
             return PAPER_SECTION
         return {name: float(getattr(self.given, name)) for name in PAPER_SECTION}

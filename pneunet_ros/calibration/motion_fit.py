@@ -1,6 +1,6 @@
-"""Tip mass and damping of an arm, from recordings of its oscillations.
+"""Tip mass and damping of an arm, from recordings in which it oscillates.
 
-The initial state of a plucked arm is fitted as well.
+If an arm was plucked, its initial state is fitted as well.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class MotionFit:
     tip_mass kg, damping_time s; hertz and decay_time (s): of the slowest vibration of the unloaded
     arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets from the arm in
     equilibrium and in motion. in_motion: number of frames in which motion moves the tip by more
-    than 1.96 standard deviations of a target. shares (arms,): fitted step towards each of
-    the perturbed arms.
+    than 1.96 standard deviations of a target. shares (arms,): fitted steps towards the perturbed
+    arms.
     """
 
     motion: Motion
@@ -188,7 +188,7 @@ def predicted_motion(
 
 
 def without_swing(arm: Arm, motion: Motion, runs: Sequence[RecordingData]) -> list[RecordingData]:
-    """Return recordings minus the swing of an arm of this mass and damping about equilibrium.
+    """Return recordings minus the swing about equilibrium of an arm of this mass and damping.
 
     Recordings of a plucked arm are unchanged.
     """

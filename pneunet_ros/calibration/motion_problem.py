@@ -70,7 +70,7 @@ class MotionProblem:
 
     @property
     def diverged_position(self) -> float:
-        """Position (m) used for a chain that diverged: farther away than any arm can be."""
+        """Position (m) of a chain whose simulation diverged: farther away than any arm can be."""
         return 2.0 * self.arm.length
 
     @property
@@ -201,7 +201,7 @@ class MotionProblem:
     def error_columns(
         self, arms: Sequence[Arm], runs: Sequence[RecordingData], parameters: Array
     ) -> list[Array]:
-        """Return a column (rows,) of one sigma towards each of these arms, at these parameters."""
+        """Return columns (rows,) of one sigma towards each of these arms, at these parameters."""
         deviations = self.simulate(parameters)[0]
         residuals, columns = self.whitened(self.residuals(deviations)), []
         for arm in arms:
@@ -218,7 +218,7 @@ class MotionProblem:
         return columns
 
     def best_of_scan(self) -> Array:
-        """Return the grid parameters that explain the first readings of each run best."""
+        """Return the grid parameters that fit the first readings of each run best."""
         short = self.shortened(SCANNED_READINGS)
         guesses = [
             short.initial_parameters(mass - 1.0, ratio)
@@ -246,8 +246,8 @@ class MotionProblem:
     def without_held_frames(self, residuals: Sequence[Array]) -> MotionProblem | None:
         """Remove the frames in which plucked arms were still held; None if there are none.
 
-        residuals: per run. If a push ends after the last large swing, some frames within the
-        first period fit no free swing: their residuals are larger than later ones.
+        residuals: per run. If the arm was released after the last large swing, some frames within
+        the first period fit no free swing: their residuals are larger than later ones.
         """
         period = 2.0 * np.pi / float(self.modes.frequency[0]) * NANOSECONDS_PER_SECOND
         runs = list(self.runs)
@@ -282,7 +282,7 @@ class MotionProblem:
         return np.concatenate([motion, found.x])
 
     def parameters_of(self, motion: Motion) -> Array:
-        """Return parameters for a mass and damping; plucked runs start at their first frame."""
+        """Return parameters with this mass and damping; runs start at their first frame."""
         parameters = self.initial_parameters(0.0, 0.1)
         parameters[:2] = motion.tip_mass / self.effective_mass, math.log(motion.damping_time)
         return parameters

@@ -1,8 +1,8 @@
 """Sensor noise estimated from the recordings themselves, without model residuals.
 
-White noise is from second differences in time, in which smooth motion cancels; position and drift
-of the camera from the target at the clamp, which does not move with the arm; placement of the
-targets from their distance to a smooth curve while the arm is straightest.
+White noise is estimated from second differences in time, in which smooth motion cancels; position
+and drift of the camera from the target at the clamp, which does not move with the arm; placement
+of the targets from their distance to a smooth curve while the arm is straightest.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def estimate_noise(
 
 
 def in_time(runs: Sequence[RecordingData]) -> list[RecordingData]:
-    """Return the recordings whose order in time shows noise."""
+    """Return the recordings whose frames are in time order, from which noise can be estimated."""
     return [run for run in runs if len(run.stamp_ns) >= NOISE_ESTIMATE.fewest and not run.static]
 
 
@@ -192,7 +192,8 @@ def with_noise_of_readings(stated: SensorNoise, runs: Sequence[RecordingData]) -
 def with_places_uncertain(assumed: SensorNoise, arclength: Array) -> SensorNoise:
     """Return the noise with uncertain positions of targets and camera.
 
-    Many arm files say 0; if this were used, a stiffness would be wrong by many of its errors.
+    Many arm files state 0; with this value, the error of a stiffness would be many standard
+    errors.
     """
     length = float(arclength[-1]) if arclength.size else 0.0
     return replace(
@@ -206,7 +207,7 @@ def with_places_uncertain(assumed: SensorNoise, arclength: Array) -> SensorNoise
 def differing_noise(
     noise: SensorNoise, assumed: SensorNoise, sources: Mapping[str, str]
 ) -> list[Note]:
-    """Report estimated noise that differs from the assumed noise, and which one is used."""
+    """Describe where the estimated noise differs from the assumed noise, and which one is used."""
     differing = []
     for name, unit in STATED:
         found, stated = getattr(noise, name), getattr(assumed, name)
@@ -218,8 +219,8 @@ def differing_noise(
         return []
     return [
         Note(
-            f'the noise of these recordings differs from the arm file: {"; ".join(differing)}. '
-            'The measured values were used and are written to the model',
+            'the noise of these recordings differs from that in the arm file: '
+            f'{"; ".join(differing)}. The measured values were used and are written to the model',
             reason='other_noise',
         )
     ]
@@ -282,7 +283,7 @@ def load_readings(run: RecordingData) -> Array:
 
 
 def resting_series(series: Sequence[Array]) -> list[Array]:
-    """Return the series that show noise: in slow ones, changes between readings are motion."""
+    """Return the series that show noise; without slow ones, whose changes are motion."""
     stds = [second_differences([values]) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
     return [
@@ -327,7 +328,8 @@ def white_of_targets(runs: Sequence[RecordingData]) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
     White noise averages out over the targets of a frame, but a change of motion does not. Frames
-    are compared with their mean removed, so that choosing among them does not reduce the noise.
+    are selected by their mean, which is then removed, so that the selection does not reduce the
+    noise.
     """
     series = [values for run in runs for values in (run.x, run.y)]
     first = second_differences([column for values in series for column in values.T])
@@ -392,8 +394,8 @@ def placement(
 ) -> float | None:
     """Return the standard deviation of the painted positions, per coordinate (m).
 
-    A few targets may lie on a smooth curve by chance: for few targets it is at least `assumed`
-    (m). None if unknown.
+    A few targets may lie on a smooth curve by chance: for few targets the result is at least
+    `assumed` (m). None if unknown.
     """
     free = [run.points for run in runs if not run.loaded]
     if not free:
@@ -421,8 +423,8 @@ def camera(
 ) -> tuple[float | None, float | None]:
     """Return the scatter of the camera position between runs and its drift within a run (m).
 
-    Both are estimated from few values, and their variance beyond the white noise may be zero by
-    chance: it is at least its own standard error.
+    Both are estimated from few values, whose variance beyond the white noise may be zero by
+    chance: the result is at least its own standard error.
     """
     if arclength.size == 0 or arclength[0] > ROW_ORDER.at_clamp * arclength[-1]:
         return None, None

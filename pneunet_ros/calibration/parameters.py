@@ -1,4 +1,4 @@
-"""The fitted parameters as one vector: kappa_p0, an elongation, and the moment law."""
+"""The fitted parameters as one vector: kappa_p0, elongation, and moment law."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ NUGGET = 3e-9  # added to the variance of the prior, relative, so that it can be
 class Hyperparameters:
     """The prior of kappa_p0: a Gaussian process over p and s.
 
-    amplitude (1/m), at the highest pressure, of the part proportional to pressure; std (1/m) of
-    the remaining part; both smooth in s over `length_scale` (of the length).
+    amplitude (1/m), at the highest pressure: of the part proportional to pressure; std (1/m) of
+    the remaining part; both are smooth in s over `length_scale` (relative to the length).
     """
 
     amplitude: float
@@ -80,7 +80,7 @@ class Parameters:
     `frame` is an arm with everything else; without `law` the arm keeps its own. earlier: mean and
     covariance of the first parameters from an earlier fit, used as the prior. shapes: number of
     values that describe kappa_p0 along the arm at one pressure, 1 for a constant curvature; the
-    prior ties the knots to them. None: as many as there are knots. elongates: whether the arm
+    prior derives the knots from them. None: as many as there are knots. elongates: whether the arm
     lengthens under pressure; if not, the prior fixes the elongation parameters at zero. None:
     there are no such parameters.
     """
@@ -160,7 +160,7 @@ class Parameters:
         return np.append(low, self.law.limits[0]), np.append(high, self.law.limits[1])
 
     def nearest(self, values: Array) -> Array:
-        """Return the admissible curvature parameters nearest to these (n,)."""
+        """Return admissible curvature parameters, as close as possible to these (n,)."""
         if self.shapes is None:
             return values
         _, basis = shape_basis(self.arclength, self.shapes)
@@ -186,7 +186,7 @@ class Parameters:
 
     @property
     def columns(self) -> Columns:
-        """Columns of the sections that depend on the law, then those of the elongation, (k, 2)."""
+        """Columns of the sections that depend on the law, then those of elongation, (k, 2)."""
         columns = [] if self.law is None else list(self.law.columns)
         if self.elongates:
             columns += [(section, REST_STRAIN) for section in range(self.sections)]

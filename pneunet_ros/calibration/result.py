@@ -16,11 +16,11 @@ class Fit:
     """A fitted model: values (n,) of the parameters, their covariance, and all runs.
 
     placement (2, targets) m, along tangent and normal, and shared_covariance that of parameters
-    and placement together. information (n, n) is that of the data alone on the parameters
-    (disturbances integrated out), information_vector (n,) the same data's linear term.
-    disturbance: all unknowns of `Disturbances`, m; origin (2,) m: offset of the base frame from
-    the neutral line. log_evidence: of the runs, with the normal approximation of the posterior, up
-    to a constant. `converged` and `status`: how the search ended.
+    and placement together. information (n, n) of the data alone on the parameters (disturbances
+    integrated out), information_vector (n,) their linear term. disturbance: all unknowns of
+    `Disturbances`, m; origin (2,) m: offset of the base frame from the neutral line. log_evidence:
+    of the runs, with the normal approximation of the posterior, up to a constant. `converged` and
+    `status`: how the search ended.
     """
 
     parameters: Parameters
@@ -47,7 +47,7 @@ class Fit:
 
     @property
     def all_information(self) -> Array:
-        """The information of the recordings of this fit and of the previous ones it continues."""
+        """The information of the recordings of this fit and of earlier fits that it continues."""
         total, earlier = np.array(self.information), self.parameters.earlier
         if earlier is not None:
             size = earlier.values.size

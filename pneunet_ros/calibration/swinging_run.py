@@ -49,7 +49,7 @@ class SwingingRun:
         return self.points - self.equilibrium[self.reading]
 
     def part(self, frames: slice, readings: slice) -> SwingingRun:
-        """Return these frames and readings of the recording."""
+        """Return the recording restricted to these frames and readings."""
         panels, ends, nodes = self.solved
         return replace(
             self,
@@ -66,10 +66,10 @@ class SwingingRun:
         return self.part(slice(frame, None), slice(int(self.reading[frame]), None))
 
     def centered(self, values: Array) -> Array:
-        """Subtract its mean from each coordinate of (frames, 2, targets, ...); NaN if unseen.
+        """Subtract from each coordinate of (frames, 2, targets, ...) its mean; NaN if never seen.
 
-        The position of the camera is not motion. At the release, the state of the arm is not known
-        yet.
+        The camera position is not motion, and at the release the state of the arm is not yet
+        known.
         """
         left_out = ~np.isfinite(self.points)
         left_out[self.plucked * (self.reading == 0)] = True
@@ -142,9 +142,9 @@ def has_constant_inputs(run: RecordingData, loads: Array, arm: Arm) -> bool:
 
 
 def from_release(run: SwingingRun) -> SwingingRun:
-    """Return a recording starting after the last frame of a large swing.
+    """Return a recording from the last frame of a large swing on.
 
-    Raises RequestError if there are no two frames with targets.
+    Raises RequestError if fewer than two frames show targets.
     """
     distance = np.hypot(*run.deviation.transpose(1, 0, 2))
     seen = np.isfinite(distance).any(axis=1)

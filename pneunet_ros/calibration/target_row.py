@@ -1,4 +1,4 @@
-"""The estimated place of the row of targets: offset from the neutral line, and spacing."""
+"""Place of the row of targets: offset from the neutral line, and spacing."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def main() -> int:
 
 
 def written_sentence() -> str:
-    """Name the finished outputs; there are no others."""
+    """Name the outputs that were finished before an error."""
     from pneunet_ros.files.atomic import outputs_written
 
     written = outputs_written()

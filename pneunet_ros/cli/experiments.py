@@ -1,4 +1,4 @@
-"""Options and reading of recordings, shared by `calibrate` and `diagnose`."""
+"""Options for recordings, and reading them, shared by `calibrate` and `diagnose`."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ CONSTANT = (
 class Experiments:
     """Groups of recordings, with notes on them.
 
-    left_out: sentences on readings that were left out or reinterpreted; unloaded: which recordings
-    are without a load, and by which rule.
+    left_out: sentences on readings that were left out or reinterpreted; unloaded: the recordings
+    without a load, with the reason.
     """
 
     groups: tuple[tuple[RecordingData, ...], ...]
@@ -167,7 +167,7 @@ def read_experiments(
 
 
 def as_measured(frame: Arm, runs: Sequence[RecordingData]) -> Arm:
-    """Return an arm with the mean measured direction of gravity, if any was measured."""
+    """Return an arm with the mean of the measured directions of gravity, if there are any."""
     import numpy as np
 
     measured = [run.gravity for run in runs if run.gravity is not None]
@@ -192,7 +192,7 @@ def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
 
 
 def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingData:
-    """Return a run with its known load; RequestError if a sensor measured another."""
+    """Return a run with its known load; RequestError if it contains a measured one."""
     if run.loaded:
         raise RequestError(
             f'--end-load or --string {run.name}: the recording contains end_wrench readings, and '
@@ -208,7 +208,7 @@ def by_recording(
     paths: Sequence[Path],
     read: Callable[[str, Sequence[str]], T],
 ) -> dict[Path, T]:
-    """Return what an option gives, by recording; RequestError for an unknown recording."""
+    """Return the values of an option by recording; RequestError for an unknown recording."""
     values: dict[Path, T] = {}
     for name, *texts in given:
         key = resolved(name)
@@ -226,9 +226,9 @@ def force_of(option: str, texts: Sequence[str]) -> tuple[float, float]:
 
 
 def check_given(keys: set[Path], paths: Sequence[Path], option: str) -> None:
-    """Reject an option that names a recording other than those to be read."""
+    """Reject an option for a recording that is not among the inputs."""
     for key in sorted(keys - {resolved(path) for path in paths}):
         raise RequestError(
-            f'{option} {key.name}: this recording is not among the inputs; add it to them',
+            f'{option} {key.name}: this recording is not among the inputs: add it',
             reason='not_found',
         )

@@ -1,4 +1,4 @@
-"""Tables for terminals of any width, in which no number or name is truncated."""
+"""Tables for terminals of any width, without truncated numbers or names."""
 
 from __future__ import annotations
 
@@ -66,14 +66,14 @@ def print_facts(console: Console, title: str, facts: Mapping[str, str]) -> None:
 
 
 def broken_at_slashes(text: object, width: int) -> str:
-    """Break words longer than `width` after a slash, e.g. topic and file names."""
+    """Break words longer than `width` after a slash, as in topic and file names."""
     return re.sub(rf'(?=\S{{{width + 1}}})\S{{,{width - 1}}}/', r'\g<0>\n', str(text))
 
 
 def measure_column(console: Console, column: Column) -> Measurement:
     """Return the widths of a column with and without wrapping.
 
-    Numbers, which are right-aligned, are not separated from their errors.
+    A number, right-aligned, stays on the line of its error.
     """
     options = console.options.update(width=ANY_WIDTH)
     header, *cells = (
@@ -91,7 +91,7 @@ def width_of(widths: Sequence[int]) -> int:
 
 
 def parts(needs: Sequence[Measurement], room: int, *, keep_together: bool) -> Iterator[list[int]]:
-    """Split columns, by index, so that no word breaks, or keep all together."""
+    """Split columns, by index, into parts in which no word breaks; else keep all together."""
     shown = [0]
     for index in range(1, len(needs)):
         widths = [needs[other].minimum for other in (*shown, index)]
@@ -103,9 +103,9 @@ def parts(needs: Sequence[Measurement], room: int, *, keep_together: bool) -> It
 
 
 def shared(room: int, needs: Sequence[Measurement]) -> list[int]:
-    """Return widths that fill the terminal: first for words, then evenly for texts.
+    """Return widths that fill the terminal, first for words, then for whole texts, evenly.
 
-    If even words do not fit, the widest columns are narrowed, and their words folded.
+    If even the words do not fit, the widest columns are narrowed and their words are folded.
     """
     widths = [item.minimum for item in needs]
     spare = room - width_of(widths)

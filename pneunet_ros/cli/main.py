@@ -1,4 +1,4 @@
-"""The command `pneunet`: converts errors to a sentence and an exit code."""
+"""The command `pneunet`: turns errors into a sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CommandParser(ArgumentParser):
         self._words: Sequence[str] | None = None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; each verb reports its own unknown words."""
+        """Parse; each verb itself reports words that it does not know."""
         self._words = args
         given, unexpected = super().parse_known_args(args, namespace)
         if unexpected:
@@ -72,7 +72,7 @@ class CommandParser(ArgumentParser):
         raise WrongUsageError(line)
 
     def _unexpected_words(self) -> list[str]:
-        """Return the unexpected words if arguments are missing as well."""
+        """Return the unexpected words, which argparse does not report if arguments are missing."""
         for action in self._actions:
             action.required = False
         for group in self._mutually_exclusive_groups:
@@ -81,26 +81,28 @@ class CommandParser(ArgumentParser):
         return unexpected
 
     def _describe_unexpected(self, words: Sequence[str]) -> str:
-        """Name the words that belong to no option; a word after an unknown option is its value."""
+        """Describe the words of no option; a word after an unknown option is its value."""
         if unknown := next((word for word in words if OPTION.match(word)), None):
             name = unknown.partition('=')[0]
             options = [option for action in self._actions for option in action.option_strings]
             return f'{name} is not an option{suggestion(name, options)}'
-        hint = '; a number and its unit are one word, as in 31kPa' * bool(UNIT.match(words[0]))
+        hint = ('; write a number and its unit as one word, as in 31kPa') * bool(
+            UNIT.match(words[0])
+        )
         return f'{" ".join(words)} belong{"s" * (len(words) == 1)} to no option{hint}'
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """Return a question with the closest known word."""
+    """Return a question with the most similar known word."""
     matches = get_close_matches(word, known, 1, 0.75)
     return f' ({matches[0]}?)' if matches else ''
 
 
 class CommandHelp(RawDescriptionHelpFormatter):
-    """Help formatter: the description already lists the verbs in groups."""
+    """Help formatter that omits the list of verbs: the description has them in groups."""
 
     def add_argument(self, action: Action) -> None:
-        """Add an option; verbs are already in the description."""
+        """Add an option; skips verbs, which are in the description."""
         if action.dest != 'verb':
             super().add_argument(action)
 
@@ -108,10 +110,11 @@ class CommandHelp(RawDescriptionHelpFormatter):
 class Verb(NamedTuple):
     """A verb: its name, its line of help, and a complete command.
 
-    Its module in `verbs` is imported when it is used; `file` names it if it is not called like the
-    verb. It has `options(parser)`, which adds the options, and `run(arguments)`, which runs the
-    verb and returns the exit code. kernels: 'meanwhile' if the verb runs while kernels are
-    compiled, 'first' if it waits for them because it uses them heavily.
+    Its module in `verbs` is imported when it is used; `file` is the module's name if that differs
+    from the verb's. The module has `options(parser)`, which adds the options, and
+    `run(arguments)`, which runs the verb and returns the exit code. kernels: 'meanwhile' if the
+    verb runs while kernels are compiled, 'first' if it waits for them because it uses them
+    heavily.
     """
 
     name: str
@@ -243,7 +246,7 @@ NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
     """Build the parser of all verbs, with the options of the requested one.
 
-    ends: whether requested help ends the process.
+    ends: whether a request for help ends the process.
     """
     command = CommandParser(
         prog='pneunet',
@@ -295,7 +298,7 @@ def verbs_in_groups() -> str:
 
 
 def negative_number(argument: str) -> str:
-    """Return a negative number so that argparse does not mistake it for an option: '-3 mm'."""
+    """Return a negative number, e.g. '-3 mm', in a form that is not mistaken for an option."""
     if NEGATIVE_NUMBER.fullmatch(argument):
         return f'{Decimal(argument):f}'
     if match := NEGATIVE_WITH_UNIT.fullmatch(argument):
@@ -344,11 +347,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         about = f'{error.filename}: ' if error.filename else ''
         return complain(given, f'{about}{error.strerror or error}', 'system')
     except MemoryError:
-        return complain(given, 'there is not enough memory for this', 'memory')
+        return complain(given, 'not enough memory', 'memory')
 
 
 def see_to_kernels(given: Namespace) -> None:
-    """Compile missing kernels, before the verb runs or meanwhile."""
+    """Compile missing kernels, before the verb runs or while it runs."""
     if given.kernels == 'none' or not jit.is_waiting():
         return
     if given.kernels == 'meanwhile':

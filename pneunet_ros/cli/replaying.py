@@ -1,4 +1,4 @@
-"""What `replay` and `replay --fuse` have in common: verdicts, output, progress, summary."""
+"""Parts shared by `replay` and `replay --fuse`: verdicts, output, progress, summary."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def judge(
     settings: EstimatorSettings,
     overrides: Mapping[str, str],
 ) -> Verdicts:
-    """Judge the readings of a recording, with a progress bar."""
+    """Judge the meaning of the readings of a recording, with a progress bar."""
     own_model = arguments.model is not None
     with verb.reading_bar(shown=not arguments.json):
         return judge_recording(recording, arm, settings, overrides, own_model=own_model)
@@ -69,10 +69,10 @@ def playing(
     what: str,
     count: Callable[[Any], None],
 ) -> Iterator[tuple[RecordingWriter | None, Callable[[Any], None]]]:
-    """Open the requested output and a progress bar; what: its text.
+    """Open the requested output and a progress bar with the text `what`.
 
-    Yields the writer of the output, None without one, and what is called with every step: it
-    counts the step by `count`.
+    Yields the writer of the output, None without an output, and a callback for every step, which
+    passes the step to `count`.
     """
     output, overwrite = arguments.output, arguments.overwrite
     counter = itertools.count(1)
@@ -99,7 +99,7 @@ def common_summary(
     verdicts: Verdicts,
     refusal: Refusal | None,
 ) -> dict[str, Any]:
-    """Return the entries of the summary that every replay has; refusal: the last one."""
+    """Return the summary entries that every replay has; refusal: the last one."""
     return {
         'recording': arguments.recording,
         'output': arguments.output,
@@ -124,7 +124,7 @@ def show_replay(
     sentences: Sequence[str],
     topics: str,
 ) -> None:
-    """Print the facts and notes of a replay; topics: which ones an output has."""
+    """Print the facts and notes of a replay; topics: names of the topics of an output."""
     print_facts(console, f'{summary["recording"]} through {summary["model"]}', facts)
     verb.print_notes(console, (*summary['sentences'], *sentences))
     if summary['last_refusal']:

@@ -1,6 +1,6 @@
 """Process one arm of a survey: check its recordings, calibrate, diagnose; results in memory.
 
-This may run in another process or on another machine, so only temporary files are written.
+The work may run in another process or on another machine, so it writes only temporary files.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class SurveyWork:
     def calibrate_and_diagnose(
         self, arm: FleetArm, frame: Arm, groups: tuple[Runs, ...], folder: Path, given: Given
     ) -> dict[str, Any]:
-        """Write the files of both to a new folder; return the summary for the survey."""
+        """Write the files of both verbs to a new folder; return the summary for the survey."""
         unloaded, loaded, held_out = groups
         calibration = calibrate(unloaded, loaded, frame, compare=False)
         if not calibration.joint.converged:

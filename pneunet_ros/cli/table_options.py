@@ -19,13 +19,13 @@ def add_table_options(parser: ArgumentParser) -> None:
     for option, form, meaning in (
         ('--select', 'COLUMN=VALUE', 'read only the rows with this text in this column'),
         ('--rename', 'OLD=NEW', 'rename a column to a known name'),
-        ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
+        ('--offset', 'COLUMN=NUMBER', 'number to add to a column (new name), in its unit'),
         ('--ignore', 'COLUMN', 'leave columns out'),
         (
             '--missing',
             'NUMBER',
-            'numbers that mean "no reading" (for a target: in both coordinates); none: there are '
-            'no such numbers (default: stop and ask if there seem to be)',
+            'numbers that mean "no reading" (for a target: in both coordinates), or none '
+            '(default: stop if a number seems to mean it)',
         ),
     ):
         group.add_argument(
@@ -52,9 +52,9 @@ def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequ
 def reading_doubts(
     table: ReadingTable, arguments: Namespace
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Describe a wrong or questionable unit of the pressures in the table; empty if they fit.
+    """Describe an implausible unit of the pressures in the table; empty if it is plausible.
 
-    Without --model they are compared with typical pressures of soft actuators.
+    Without --model, pressures are compared with those typical of soft actuators.
     """
     from pneunet_ros.cli.verb import model_of
     from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of

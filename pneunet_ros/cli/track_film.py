@@ -33,7 +33,7 @@ LARGEST_DELAY = 1e8  # s, three years: stamps have 64 bits
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmReadings:
-    """The table for a film; delay (s), None to estimate it; string: at the tip."""
+    """Options for the table of a film; delay (s), None to estimate it; string: at the tip."""
 
     path: Path
     table: ReadingTable
@@ -43,7 +43,7 @@ class FilmReadings:
 
 
 def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | None:
-    """Return the given table, None without one; RequestError if it is unusable."""
+    """Return the options for the table, None without one; RequestError if it is unusable."""
     if arguments.readings is None:
         for option in ('delay', 'end_load', 'string', 'select', 'rename', 'offset', 'ignore'):
             if getattr(arguments, option):
@@ -86,13 +86,13 @@ def joined(
 ) -> tuple[FilmedRun | None, dict[str, Any]]:
     """Return frames and readings on one clock (None if the delay is unknown), and a summary.
 
-    Raises RequestError if no frame lies within the table with a given delay.
+    Raises RequestError if a given delay leaves no frame within the table.
     """
     found: ClockDelay | None = None
     delay = readings.delay
     if delay is not None and abs(delay) > LARGEST_DELAY:
         raise RequestError(
-            f'--delay {delay:g} must lie between -{LARGEST_DELAY:g} and that, in s',
+            f'--delay {delay:g} must lie between -{LARGEST_DELAY:g} and {LARGEST_DELAY:g} s',
             reason='out_of_bounds',
         )
     if not trackings:

@@ -147,7 +147,7 @@ def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWrite
 
 
 def check_request(arguments: Namespace, settings: CameraSettings) -> None:
-    """Reject conflicting options before any work is done."""
+    """Reject conflicting options before the work starts."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
         raise RequestError(
             f'--preview {arguments.preview} must end in .png or .html', reason='wrong_suffix'
@@ -189,7 +189,7 @@ def inputs(arguments: Namespace) -> list[Path]:
 
 
 def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Tracking], None]]:
-    """Open the requested table; return the consumers of frames."""
+    """Open the requested table; return the functions to call with every frame."""
     if arguments.table is None:
         return []
     write = stack.enter_context(
@@ -201,9 +201,9 @@ def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Track
 def preview_followers(
     arguments: Namespace, stack: ExitStack, stream: ImageStream, arm: Arm, film: Mapping[str, Any]
 ) -> list[Follower]:
-    """Open the requested preview; return the consumers of steps.
+    """Open the requested preview; return the functions to call with every step.
 
-    film: the estimated delay, known only after all steps.
+    film: the estimated delay, known only after the last step.
     """
     if arguments.preview is None:
         return []

@@ -131,7 +131,7 @@ def print_notes(console: Console, sentences: Iterable[str]) -> None:
 def present_written(
     arguments: Namespace, content: dict[str, Any], text: str, more: Iterable[str] = ()
 ) -> None:
-    """Print what a verb has written, with its `sentences` and more of them as notes."""
+    """Print the outputs of a verb, with its own sentences and these further ones as notes."""
 
     def show(console: Console) -> None:
         console.print(text)
@@ -150,7 +150,7 @@ def add_output(parser: ArgumentParser, metavar: str, meaning: str) -> None:
 def add_recordings(
     parser: ArgumentParser, option: str, meaning: str, *, required: bool = False
 ) -> None:
-    """Add an option for several recordings."""
+    """Add an option that takes several recordings."""
     parser.add_argument(
         option, type=Path, nargs='+', required=required, default=[], metavar='REC', help=meaning
     )
@@ -260,7 +260,7 @@ def still_model_of(arguments: Namespace) -> Arm:
     if arm.gravity.is_measured:
         raise RequestError(
             f'{arm.name} takes the direction of gravity from {arm.gravity.source}, which this '
-            'command does not read: give it, e.g. --gravity=0,-1',
+            'command does not read: set the direction, e.g. --gravity=0,-1',
             reason='no_gravity',
         )
     return arm
@@ -274,7 +274,7 @@ def add_overwrite(parser: ArgumentParser) -> None:
 
 
 def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -> None:
-    """Add the settings of the estimator, or the named ones, as options."""
+    """Add the settings of the estimator as options: all, or those named."""
     group = parser.add_argument_group('sensors and stack (as the parameters of the node)')
     for item in dataclasses.fields(EstimatorSettings):
         if names is not None and item.name not in names:
@@ -303,7 +303,7 @@ def settings_of(arguments: Namespace) -> EstimatorSettings:
 
 
 def add_topics(parser: ArgumentParser, example: str = 'pressure=/my/pressure') -> None:
-    """Add the option for nonstandard topic names."""
+    """Add the option for other topic names."""
     parser.add_argument(
         '--topic',
         action='append',

@@ -20,7 +20,7 @@ def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> 
         return array
     if shape is not None and array.shape != shape:
         raise RequestError(
-            f'an array of shape {shape} was expected, got {array.shape}', reason='wrong_shape'
+            f'expected an array of shape {shape}, got {array.shape}', reason='wrong_shape'
         )
     if array.flags.writeable:
         if array is value:
@@ -36,7 +36,7 @@ def freeze(array: Array) -> Array:
 
 
 def median(values: Array) -> float:
-    """Return the median of finite values, ten times as fast as numpy for a few values."""
+    """Return the median of finite values; for few values ten times as fast as numpy."""
     ordered = np.sort(values, axis=None)
     return 0.5 * float(ordered[(ordered.size - 1) // 2] + ordered[ordered.size // 2])
 
@@ -75,7 +75,7 @@ def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.in
     """Return the rows below `at` in a table over pressure, and the weight of the row above.
 
     pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
-    With a single row, the weight is on the next row, which is that row again.
+    In a table with a single row, that row is also the next one and has all the weight.
     """
     at = np.asarray(at, dtype=np.float64)
     if pressure.size == 1:
@@ -96,7 +96,7 @@ def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
 
 
 def only_numbers(values: Any) -> bool:
-    """Whether a nested list or an array contains only numbers, no texts or booleans."""
+    """Whether a nested list or an array contains only numbers, without texts or booleans."""
     if isinstance(values, np.ndarray):
         return values.dtype.kind in 'iuf'
     if isinstance(values, (list, tuple)):
@@ -107,7 +107,7 @@ def only_numbers(values: Any) -> bool:
 def table_array(
     values: npt.ArrayLike, where: str, dimensions: int, error: type[PneunetError] = ModelError
 ) -> Array:
-    """Return a read-only table of finite numbers with this many dimensions; raise otherwise."""
+    """Return a read-only table of finite numbers with this many dimensions; else raise `error`."""
     sentence = f'{where} must be a table of numbers with rows of equal length'
     if not only_numbers(values):
         raise error(sentence, reason='not_a_table')

@@ -4,8 +4,8 @@ Messages are processed in order of arrival (for a recording: of log time). Simul
 are processed in the order of ties: inputs of an estimate before the pressure, which triggers it.
 
 A driver that stamps several topics with the same time publishes them one after the other, in any
-order. While the messages of a topic have the stamps of pressures, a pressure waits for the message
-with its stamp, for at most `LONGEST_WAIT_NS`. Nothing else waits.
+order. As long as the messages of a topic have the same stamps as the pressures, each pressure
+waits for the message with its stamp, for at most `LONGEST_WAIT_NS`. Nothing else waits.
 
 The order depends only on arrivals, stamps and topics, not on the time of processing: a busy node
 processes a burst in the order in which its recording is replayed.
@@ -49,7 +49,7 @@ class Companion:
 
     @property
     def joins(self) -> bool:
-        """Whether the messages of this topic share the stamps of the pressure, as far as known."""
+        """Whether the messages of this topic have had the stamps of the pressure so far."""
         return self.missed < MOST_MISSED
 
     def is_due(self, stamp_ns: int) -> bool:
@@ -79,7 +79,7 @@ class ArrivalOrder(Generic[Item]):
     _count: int = 0
 
     def __post_init__(self) -> None:
-        """Expect every topic before the pressure to join it."""
+        """Expect every topic before the pressure to share its stamps."""
         end = 0 if self.pressure is None else self.topics.index(self.pressure)
         self._companions = {tie: Companion() for tie in range(end)}
 
@@ -100,7 +100,7 @@ class ArrivalOrder(Generic[Item]):
             yield arrival.item
 
     def backlog(self, topic: str) -> tuple[int, int]:
-        """Return the number of queued messages of a topic, and over how long (ns) they arrived."""
+        """Return how many messages of a topic are queued, and over what time (ns) they arrived."""
         tie = self.topics.index(topic)
         arrivals = [one.at_ns for one in self._waiting if one.tie == tie]
         return len(arrivals), arrivals[-1] - arrivals[0] if arrivals else 0
@@ -149,7 +149,7 @@ class ArrivalOrder(Generic[Item]):
         ]
 
     def _note(self, arrival: Arrival[Item]) -> None:
-        """Learn from a message which topics have the stamps of pressures."""
+        """Update which topics share the stamps of pressures, from one message."""
         companion, last = self._companions.get(arrival.tie), self._last
         if companion is not None:
             companion.take(arrival.stamp_ns)

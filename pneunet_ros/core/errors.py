@@ -22,7 +22,7 @@ class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for the user.
 
     `reason` is the machine-readable cause, as in a `Refusal` (meanings: `reasons.REASONS`); it may
-    be empty. An overlong sentence keeps its beginning and end.
+    be empty. A sentence that is too long is shortened in the middle.
     """
 
     def __init__(self, sentence: object = '', *, reason: str = '') -> None:

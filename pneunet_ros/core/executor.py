@@ -21,7 +21,7 @@ def open_executor(
     scheduler: str | None = None,
     prepare: Callable[[], Any] | None = None,
 ) -> Iterator[Executor]:
-    """Open an executor: this many processes (None: one per core), or a Dask scheduler.
+    """Open an executor: this many processes (None: one per core), or a Dask cluster.
 
     prepare: a picklable function that every process calls first.
 
@@ -34,7 +34,9 @@ def open_executor(
             yield executor
         return
     if workers is not None and workers < 1:
-        raise RequestError(f'workers must be 1 or more, not {workers}', reason='out_of_bounds')
+        raise RequestError(
+            f'the number of workers must be 1 or more, not {workers}', reason='out_of_bounds'
+        )
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, '1'))  # new processes read it as they start
     try:

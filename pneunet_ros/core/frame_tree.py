@@ -34,8 +34,8 @@ class FrameTree:
     def between(self, frame: str, other: str) -> tuple[Quaternion, int | None] | None:
         """Return the rotation from one frame to another.
 
-        Also returns the stamp (ns) of the oldest reading in it that is not fixed, None if all are
-        fixed. None if no chain of readings joins the two.
+        Also returns the stamp (ns) of the oldest reading on the way that is not fixed; None if all
+        are fixed. The result is None if no chain of readings connects the frames.
         """
         ups = self._upwards(frame), self._upwards(other)
         places = [{reading.parent: place for place, reading in enumerate(up, 1)} for up in ups]

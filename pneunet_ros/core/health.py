@@ -40,7 +40,7 @@ class InputHealth:
     """
 
     def __init__(self, source: str, now: float) -> None:
-        """Initialize; source: of the input, e.g. 'pressure on /pneunet/pressure'."""
+        """Initialize; source: what the node waits for, e.g. 'pressure on /pneunet/pressure'."""
         self.source = source
         self._begun = self._reported = now
         self._input_at: float | None = None
@@ -50,7 +50,7 @@ class InputHealth:
         self._results = 0
 
     def take(self, outcome: object, now: float) -> None:
-        """Record a result of the input, or its refusal."""
+        """Record a result, or why the input gave none."""
         if isinstance(outcome, Refusal):
             self.note_refusal(outcome)
             if not outcome.error:
@@ -65,7 +65,7 @@ class InputHealth:
         self._problems[refusal.reason] = refusal
 
     def published(self, latency: float) -> None:
-        """Record the time (s) from the receipt of the input until its result was published."""
+        """Record the time (s) from receiving the input to publishing its result."""
         self._latencies.append(latency)
 
     def silence(self, now: float) -> float:

@@ -26,8 +26,8 @@ class Layout(NamedTuple):
     """Conversion of the bytes of an encoding to grey levels.
 
     channels: values per pixel of a row; deep: whether a value has two bytes; grey: (height, width,
-    channels) to (height, width); bgr: to (height, width, 3), None without colors, or with colors
-    in planes after the brightness (nv12), which are not read.
+    channels) to (height, width); bgr: to (height, width, 3); None without colors, or if the colors
+    are in planes after the brightness (nv12), which are not read.
     """
 
     channels: int
@@ -41,7 +41,7 @@ def _channel(number: int) -> Callable[[Levels], Levels]:
 
 
 def _converted(name: str) -> Callable[[Levels], Levels]:
-    """Return a converter of pixels by the OpenCV code `cv2.COLOR_` plus this name."""
+    """Return a function that converts pixels by the OpenCV code `cv2.COLOR_` plus this name."""
 
     def convert(pixels: Levels) -> Levels:
         import cv2
@@ -94,8 +94,8 @@ def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], flo
 def eight_bits(levels: Levels) -> Bytes:
     """Reduce 16-bit levels to 8 bits by the number of bits in use.
 
-    A camera of 10, 12 or 14 bits fills the lower bits without stating how many: the range is the
-    smallest even number of bits that fits the image.
+    A camera of 10, 12 or 14 bits fills the lower bits without stating how many: the smallest even
+    number of bits that holds all values of the image is assumed.
     """
     if levels.dtype == np.uint8:
         return np.asarray(levels, np.uint8)
@@ -191,9 +191,9 @@ class Image:
     def closeness(self, color: tuple[float, float, float]) -> Image:
         """Return a grey image of similarity to a color (red, green, blue): 255 if equal.
 
-        It is 0 if a pixel is at least as far from the color as grey, in CIE L*a*b*; differences in
-        lightness count half, because light varies along an arm. Raises MessageError for an image
-        without colors.
+        The similarity is 0 if a pixel is at least as far from the color as grey is, in CIE L*a*b*.
+        Differences in lightness count half, because the light varies along an arm. Raises
+        MessageError for an image without colors.
         """
         return self.once(color, lambda: self._closeness(color))
 

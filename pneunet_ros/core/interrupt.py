@@ -59,9 +59,9 @@ def interrupted_afterwards() -> Iterator[None]:
 def forget_interrupt() -> None:
     """Let the process end with its exit code after a KeyboardInterrupt that was caught.
 
-    If an interrupt leaves code made from text (as by dataclasses, numba and attrs), Python records
-    it as uncaught, and at the end kills itself with SIGINT whatever the program returned.
-    Executing any other text clears the record. Source: run_eval_code_obj and Py_RunMain of CPython
-    3.8 to 3.13.
+    If an interrupt passes through code that was compiled from text (as by dataclasses, numba and
+    attrs), Python records it as uncaught, and finally kills itself with SIGINT whatever the
+    program returned. Executing any other text clears the record. Source: run_eval_code_obj and
+    Py_RunMain of CPython 3.8 to 3.13.
     """
     exec('')

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Refusal:
     """A reading without an estimate: `reason` is a key for counting, `sentence` for users.
 
-    error: the estimator has stopped giving estimates, not just dropped one reading.
+    error: whether estimates have stopped, rather than one reading having been dropped.
     `awaits_others`: the missing input comes from another node, which may still be starting.
     """
 
@@ -32,5 +32,5 @@ def refuse(stamp_ns: int, reason: str, sentence: str, *, awaits_others: bool = F
 
 
 def drop(stamp_ns: int, reason: str, sentence: str) -> Refusal:
-    """Return a refusal of one reading."""
+    """Return a refusal that drops one reading."""
     return Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)

@@ -1,4 +1,4 @@
-"""Resolution of paths with symbolic links; only this module handles broken ones."""
+"""Resolution of symbolic links in paths; only this module handles broken links."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def resolved(path: str | Path, error: type[PneunetError] = RequestError) -> Path
         return Path(path).resolve()
     except RuntimeError:  # Python before 3.13, of a loop of links
         raise error(
-            f'{path} is a symbolic link to itself: give the file instead', reason='loop'
+            f'{path} is a symbolic link to itself: use the path of the file', reason='loop'
         ) from None
     except (OSError, ValueError) as reason:
         why = getattr(reason, 'strerror', None) or reason

@@ -12,7 +12,7 @@ import threading
 
 
 class InPauses(threading.local):
-    """The work for the pauses of this thread."""
+    """The registered work of each thread."""
 
     def __init__(self) -> None:
         self.work: list[Callable[[], None]] = []
@@ -28,6 +28,6 @@ def pause() -> None:
 
 
 def work_in_pauses(work: Callable[[], None]) -> Callable[[], None]:
-    """Run `work` in every pause of this thread; returns a function that ends this."""
+    """Run `work` in every pause of this thread; returns a function that stops this."""
     IN_PAUSES.work.append(work)
     return lambda: IN_PAUSES.work.remove(work)

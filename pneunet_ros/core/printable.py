@@ -11,7 +11,7 @@ _LAYOUT = frozenset('\n\t')
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return names as text, and how many more there are beyond the first ones."""
+    """Return the first names as text, with the number of the others."""
     more = f' and {len(names) - most} more' if len(names) > most else ''
     return ', '.join(names[:most]) + more
 

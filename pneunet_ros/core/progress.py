@@ -1,4 +1,4 @@
-"""Progress of long work."""
+"""Progress reports of long work."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ OnProgress = Callable[[str, int, int], None]
 
 
 def say_nothing(stage: str, done: int, total: int) -> None:
-    """Ignore progress."""
+    """Ignore a progress report."""
 
 
 def part_of(on_progress: OnProgress, part: int, parts: int) -> OnProgress:
@@ -25,7 +25,7 @@ STEP = 1000  # messages or rows from one word to the next
 
 @contextmanager
 def heard(on_progress: OnProgress) -> Iterator[None]:
-    """Report the progress of reading and writing within this context."""
+    """Send progress reports of reading and writing to a function within this context."""
     token = _READING.set(on_progress)
     try:
         yield
@@ -34,5 +34,5 @@ def heard(on_progress: OnProgress) -> Iterator[None]:
 
 
 def say_how_far(stage: str, done: int, total: int) -> None:
-    """Report the progress of reading or writing a file."""
+    """Report how far reading or writing a file has come."""
     _READING.get()(stage, done, total)

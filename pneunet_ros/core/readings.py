@@ -54,8 +54,8 @@ class TipPoseReading:
 class ImuReading:
     """A reading of an accelerometer at the base: specific force (m/s^2) in its `frame_id`.
 
-    At rest it is 9.81 m/s^2 upwards. known: False if the sensor reports that it does not measure
-    acceleration.
+    At rest it is 9.81 m/s^2 upwards. known: whether the sensor measures acceleration, by its own
+    report.
     """
 
     stamp_ns: int
@@ -68,7 +68,7 @@ class ImuReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameReading:
-    """Rotation of a frame in its parent: unit quaternion x, y, z, w; fixed: static."""
+    """Rotation of a frame in its parent: unit quaternion x, y, z, w; fixed: whether static."""
 
     stamp_ns: int
     frame_id: str

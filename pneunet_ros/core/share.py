@@ -1,4 +1,4 @@
-"""Location of the files shipped with the package: model files, recordings, launch files."""
+"""Location of files that the package ships: model files, recordings, launch files."""
 
 from __future__ import annotations
 

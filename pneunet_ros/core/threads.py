@@ -1,7 +1,7 @@
 """Restricts linear algebra to one thread per process, because matrices here are small.
 
-More threads wait for each other, and on a busy machine for a core: next to another process, a
-diagnosis took 74 s, but 22 s with one thread.
+Several threads wait for each other and, on a busy machine, for a core: next to another process, a
+diagnosis took 74 s with several threads and 22 s with one.
 """
 
 from __future__ import annotations

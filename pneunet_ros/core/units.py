@@ -92,7 +92,7 @@ def quantity(
 
     unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
     which the value is expected before any data. source: where the default or the bounds come from.
-    shape: it describes the form of an effect, not its size.
+    shape: whether the quantity describes the form of an effect, not its size.
     """
     metadata = {
         'unit': unit,

@@ -1,7 +1,7 @@
 """The table of effects: a new effect is one file in this folder and one line here.
 
-The order of the table is the order in which sensing and actuation are applied: readings, then the
-camera, then from the pressure at the sensor to the chamber, then its lasting effects.
+The order of the table is the order in which sensing and actuation are applied: readings, camera,
+the line from pressure sensor to chamber, lasting effects of the pressure.
 """
 
 from __future__ import annotations

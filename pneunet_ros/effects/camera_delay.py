@@ -28,5 +28,5 @@ class CameraDelay(Effect):
 
     @property
     def frame_delay(self) -> float:
-        """The delay."""
+        """Return the delay."""
         return self.delay

@@ -1,4 +1,4 @@
-"""A camera that is turned about its line of sight."""
+"""A camera that is rotated about its line of sight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The clamp rotates under the moment that it carries."""
+"""The clamp rotates under the moment it carries."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ClampCompliance(Effect):
 
     name: ClassVar[str] = 'clamp_compliance'
     place: ClassVar[Place] = 'mechanics'
-    meaning: ClassVar[str] = 'the clamp turns by compliance x M(0)'
+    meaning: ClassVar[str] = 'the clamp rotates by compliance x M(0)'
     # A clamp that gives is the stiffer the more it has turned. Invented, of that size.
     law_error: ClassVar[float] = 0.1
     compliance: float = quantity(

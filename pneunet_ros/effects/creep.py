@@ -31,7 +31,7 @@ class Creep(Effect):
     amplitude: float = quantity(
         0.0,
         unit='-',
-        meaning='a, the part of kappa0 that comes late',
+        meaning='a, the part of kappa0 that is delayed',
         bounds=(0.0, 1.0),
         prior=(0.0, 0.2),
         source='prior: up to a fifth of the curvature, soft silicone',
@@ -39,7 +39,7 @@ class Creep(Effect):
     time_constant: float = quantity(
         60.0,  # any will do while the amplitude is 0, but at 0 s an amplitude could not be seen
         unit='s',
-        meaning='time in which the late part settles to 1/e; any where a = 0',
+        meaning='time in which the delayed part settles to 1/e; arbitrary if a = 0',
         bounds=(0.0, 1e6),
         prior=(2.0, 300.0),
         source='prior: seconds to minutes, soft silicone',
@@ -47,7 +47,7 @@ class Creep(Effect):
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Equilibrium: z is the curvature of this pressure."""
+        """Return the equilibrium, in which z is the curvature of this pressure."""
         if len(scale.rows) == 1:  # kappa_p0 at one pressure: it never changes
             return pressure, 1.0
         row = row_below(scale.rows, pressure)
@@ -59,7 +59,7 @@ class Creep(Effect):
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Exact response of z to a linear change of pressure, from row to row of the table."""
+        """Return the exact response of z to a linear change of pressure, row by row."""
         if self.time_constant == 0.0 or len(scale.rows) == 1:
             return self.initial(pressure, scale), pressure
         before, *weights = history

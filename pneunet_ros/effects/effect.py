@@ -69,7 +69,7 @@ NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
 class Load:
     """Gauge pressure (Pa), and force (N) and moment (N m) at the free end, in the base frame.
 
-    gravity: components along x and y of the base, in g; None: as in the model of the arm.
+    gravity: components along x and y of the base frame, in g; None: those of the model.
     """
 
     pressure: float
@@ -80,7 +80,7 @@ class Load:
 
     @property
     def row(self) -> Array:
-        """F1, F2, M as (1, 3)."""
+        """F1, F2, M as an array (1, 3)."""
         return np.array([[self.force_x, self.force_y, self.moment]])
 
 
@@ -96,7 +96,7 @@ class Loads:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """A part of the soft arm, in s / l: 0 is the clamp, 1 the soft end."""
+    """A part of the arm, in s / l: 0 is the clamp, 1 the tip."""
 
     start: float
     end: float
@@ -123,7 +123,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureScale:
-    """Facts about the arm for an effect with a history, in Pa.
+    """Pressures (Pa) of an arm that effects with a history need.
 
     rows: pressures of the table of kappa_p0, increasing; top: upper end of the calibrated range;
     std: standard deviation of a pressure reading.
@@ -138,13 +138,13 @@ class PressureScale:
 class Terms:
     """Terms that an effect adds to the rod; terms of all effects are summed.
 
-    Only rigidity factors multiply. Each term is a number or an array (pressures,). Units:
+    Only rigidity factors are multiplied. Each term is a number or an array (pressures,). Units:
     moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m, curvature
     1/m (of the intrinsic one), push N, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
     They apply to the whole length, or to a part; those of clamp and load have no part. A push is
     distributed evenly over its part, along the normal (-sin theta, cos theta) at its middle, for
-    any shape. If the curvature does not follow from the pressure alone, the share row_share of it
-    is a mixture of the rows of the table of kappa_p0, by row_weights (rows,) or (pressures, rows).
+    any shape. If the curvature does not depend on the pressure alone, its share row_share is a
+    mixture of the rows of the table of kappa_p0, with row_weights (rows,) or (pressures, rows).
     """
 
     part: Part | None = None
@@ -169,7 +169,7 @@ class Terms:
             raise ModelError('a push needs the part of the arm on which it acts', reason='no_part')
 
     def differs(self, other: Terms) -> bool:
-        """Whether any term differs from that of the other."""
+        """Whether any term differs from that of other terms."""
         pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(self))
         return not all(one is two or np.array_equal(one, two) for one, two in pairs)
 
@@ -202,7 +202,7 @@ class Terms:
                 clamp[:, column] += term
 
     def mix_rows(self, values: Array, mixture: Array) -> Array:
-        """Replace row_share of values at pressures (n, ...) by the mixture of rows."""
+        """Replace the share row_share of values at pressures (n, ...) by the mixture of rows."""
         return (1.0 - self.row_share) * values + self.row_share * mixture
 
 
@@ -218,9 +218,9 @@ NO_TERMS = Terms()
 class Effect(abc.ABC):
     """A physical effect on top of the base model, in one of the five places listed above.
 
-    law_error: relative standard deviation of its parameters due to the simplicity of its law: no
-    real arm follows a law with few parameters exactly, so the parameters depend on how the arm was
-    moved. An effect with a coarser law sets a larger value, with the reason.
+    law_error: relative standard deviation of the parameters because the law is simple: no real arm
+    follows a law with few parameters exactly, so the fitted parameters depend on how the arm was
+    moved. An effect with a coarser law sets a larger value and gives the reason.
     """
 
     name: ClassVar[str]
@@ -256,11 +256,11 @@ class Effect(abc.ABC):
         return history, pressure
 
     def in_play(self, history: History) -> bool:
-        """Whether small changes of the pressure at the sensor do not reach the chamber."""
+        """Whether small changes of pressure at the sensor do not reach the chamber."""
         return False
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
-        """Return the terms of the history, (numbers,) or one per pressure (n, numbers)."""
+        """Return the terms due to the history, (numbers,) or one per pressure, (n, numbers)."""
         return NO_TERMS
 
     def terms(self, pressure: Array) -> Terms:

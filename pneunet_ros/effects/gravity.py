@@ -1,4 +1,4 @@
-"""The arm's own weight in the plane of bending."""
+"""The weight of the arm in the plane of bending."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""After a reversal, the pressure must change by some width before the chamber follows."""
+"""Hysteresis: after a reversal, the pressure must cross a dead band before the chamber follows."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hysteresis(Effect):
-    """Play operator: the chamber pressure is constant until the pressure is half a width away.
+    """Play operator: the chamber pressure stays constant until the pressure is half a width away.
 
-    Exact for a piecewise linear pressure. History: the pressures before the play and in the
-    chamber (Pa). Starts in the middle of the play.
+    Exact for a piecewise linear pressure. History: the pressures at the sensor and in the chamber
+    (Pa). Starts in the middle of the play.
     """
 
     name: ClassVar[str] = 'hysteresis'
@@ -42,7 +42,7 @@ class Hysteresis(Effect):
         return (pressure, chamber), chamber
 
     def in_play(self, history: History) -> bool:
-        """Whether the play is inside its gap, with the sums of `actuate` so that it is exact."""
+        """Whether the pressure is within the dead band; rounds as `actuate` does."""
         pressure, chamber = history
         half = 0.5 * self.width
         return pressure - half < chamber < pressure + half

@@ -19,7 +19,9 @@ class Inertia(Effect):
     tip_mass: float = quantity(
         0.0,
         unit='kg',
-        meaning='at the free end, beside the mass of the arm, which is its weight / g',
+        meaning=(
+            'mass at the free end, in addition to the mass of the arm, which is its weight / g'
+        ),
         bounds=(0.0, 1e3),
         prior=(0.0, 0.02),
         source='prior: up to the mass of the solid arm, 0.17 N / g',
@@ -27,7 +29,7 @@ class Inertia(Effect):
     damping_time: float = quantity(
         0.0,
         unit='s',
-        meaning='damping over stiffness, of Kelvin and Voigt',
+        meaning='damping over stiffness (Kelvin-Voigt)',
         bounds=(0.0, 1e3),
         prior=(0.0, 0.1),
         source='prior: damped by less than two fifths of the critical damping at 1.3 Hz',

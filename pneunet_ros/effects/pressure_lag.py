@@ -1,4 +1,4 @@
-"""The tube between pressure sensor and chamber fills and empties slowly."""
+"""The line between pressure sensor and chamber fills and empties slowly."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class PressureLag(Effect):
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Equilibrium."""
+        """Return the equilibrium."""
         return (pressure, pressure)
 
     def actuate(
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
-        """Exact response of the first-order lag to a linear change of pressure."""
+        """Return the exact response of the first-order lag to a linear change of pressure."""
         before, chamber = history
         if self.time_constant == 0.0:
             return (pressure, pressure), pressure

@@ -19,7 +19,7 @@ class PressureOffset(Effect):
     offset: float = quantity(
         0.0,
         unit='Pa',
-        meaning='true pressure where the sensor says zero',
+        meaning='true pressure when the sensor reads zero',
         bounds=(-2e5, 2e5),
         prior=(-2e3, 2e3),
         source='prior: zero drift of common gauges',

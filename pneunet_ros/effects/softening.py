@@ -1,4 +1,4 @@
-"""An arm that was inflated further before is softer than an unconditioned one (Mullins)."""
+"""Mullins softening: an arm is softer below the largest pressure it has seen before."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Softening(Effect):
     """Rigidity x (1 - loss p_max / p_range) while p is below the largest pressure so far.
 
     p_range is the upper end of the calibrated range and limits p_max. A reading counts as below
-    p_max only beyond sensor noise: otherwise an arm at rest at p_max would be soft due to noise
-    alone. History: p_max (Pa), and 1 if p is below it, else 0. Starts unconditioned (no prior
-    loading).
+    p_max only if the difference exceeds sensor noise: noise alone must not make an arm soft that
+    rests at p_max. History: p_max (Pa), and 1 if p is below it, else 0. Starts unconditioned (no
+    prior loading).
     """
 
     name: ClassVar[str] = 'softening'
@@ -32,14 +32,14 @@ class Softening(Effect):
     loss: float = quantity(
         0.0,
         unit='-',
-        meaning='share of rigidity that the full range takes',
+        meaning='share of rigidity lost after the full pressure range',
         bounds=(0.0, 0.9),
         prior=(0.0, 0.3),
         source='prior: little in pure silicone, up to a third in filled rubber',
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Unconditioned: never inflated further."""
+        """Return the history of an arm that was never inflated further."""
         return (pressure, 0.0)
 
     def actuate(

@@ -1,7 +1,7 @@
 """User-defined effects: files of a given folder, and effects from installed packages.
 
-Effect files are code: they are executed only if a person names their folder, never because a model
-file contains their effects.
+Effect files are code: they are executed only if a user names their folder, never because a model
+file mentions their effects.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
 
 @cache
 def add_installed_effects() -> tuple[type[Effect], ...]:
-    """Add the effects that installed packages offer to the table; ModelError as `add_effects`."""
+    """Add the effects of installed packages to the table; ModelError as in `add_effects`."""
     found: list[tuple[Any, str]] = []
     for point in entry_points(group=ENTRY_POINTS):
         package = '' if point.dist is None else f' of the package {point.dist.name}'
@@ -105,7 +105,7 @@ def module_of(file: Path) -> ModuleType:
 
 
 def reason(error: Exception | SystemExit) -> str:
-    """Describe an error of foreign code."""
+    """Describe an error raised by code of others."""
     line = getattr(error, 'lineno', None)
     where = f' (line {line})' if line else ''
     return f'{type(error).__name__}: {error}{where}'

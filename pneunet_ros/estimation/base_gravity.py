@@ -30,7 +30,7 @@ Direction = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GravityReading:
-    """Gravity in the base frame: along x and y, in g."""
+    """Gravity in the base frame: components along x and y, in g."""
 
     stamp_ns: int
     direction: Direction
@@ -38,7 +38,7 @@ class GravityReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseGravity:
-    """State of base and gravity: frames, the last good reading, and the last bad one.
+    """State of gravity at the base: frames, the last usable reading, and why the last one was not.
 
     trouble: why the last reading of base_imu could not be used, None if it could.
     """
@@ -48,7 +48,7 @@ class BaseGravity:
     trouble: Refusal | None = None
 
     def fresh(self) -> BaseGravity:
-        """Forget everything but static frames, which are sent once."""
+        """Forget everything but static frames, which are published only once."""
         return BaseGravity(frames=self.frames.only_fixed())
 
 
@@ -65,7 +65,7 @@ class GravitySource:
     frame: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Find the frame."""
+        """Determine the frame."""
         named = self.gravity.source if self.gravity.is_measured else ''
         frame = '' if self.gravity.source == FIXED else self.settings.gravity_frame or named
         object.__setattr__(self, 'frame', '' if frame == IMU else frame.lstrip('/'))
@@ -125,9 +125,8 @@ class GravitySource:
         likely = 'is the unit g' if 0.5 < size < 1.5 else 'was gravity subtracted'
         likely = likely if size <= SMALLEST else 'is the unit mg or counts'
         sentence = (
-            f'{WHAT} of {size:.3g} m/s^2: an accelerometer at rest reads '
-            f'{STANDARD_GRAVITY:.2f}; {likely}? Let the driver publish the specific '
-            f'force in m/s^2; {LEFT_OUT}'
+            f'{WHAT} of {size:.3g} m/s^2: an accelerometer at rest reads {STANDARD_GRAVITY:.2f}; '
+            f'{likely}? Set the driver to publish the specific force in m/s^2; {LEFT_OUT}'
         )
         return refuse(stamp_ns, 'imu_unit', sentence)
 
@@ -158,7 +157,7 @@ class GravitySource:
         return None if found is None else found[0]
 
     def at(self, known: BaseGravity, stamp_ns: int) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity at a stamp, in g; None: use the model file; or why it is unknown."""
+        """Return gravity at a stamp, in g (None: use the model file), or why it is unknown."""
         if self.frame:
             return self.by_frame(known, stamp_ns)
         if not self.uses_imu:
@@ -189,8 +188,8 @@ class GravitySource:
         found = known.frames.between(self.frame, base)
         if found is None:
             sentence = (
-                f'no transform from gravity_frame {self.frame!r} to {base!r}: is it published on '
-                '/tf or /tf_static, and is the name right?'
+                f'no transform from gravity_frame {self.frame!r} to {base!r}: check the name, '
+                'and that it is published on /tf or /tf_static'
             )
             return None, refuse(stamp_ns, 'no_gravity_frame', sentence, awaits_others=True)
         turn, read_ns = found
@@ -202,7 +201,7 @@ class GravitySource:
         return (0.0 - x, 0.0 - y), None
 
     def moves(self, known: BaseGravity) -> bool:
-        """Whether the frame may rotate in the base frame."""
+        """Whether the frame may rotate relative to the base frame."""
         found = known.frames.between(self.frame, self.settings.frame_id)
         return found is None or found[1] is not None
 

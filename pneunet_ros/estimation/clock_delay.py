@@ -1,9 +1,9 @@
-"""Delay between the clocks of a film and of a table of readings, estimated from the motion.
+"""Delay between the clocks of a film and a table of readings, estimated from the motion.
 
 A frame stamped t shows the arm of t - delay. At the right delay, target positions are a smooth
 function of pressure and load; at a wrong one, the same pressure appears with many shapes. Other
-behavior of a soft arm (plays, slow relaxations) is fitted too, so that it is not mistaken for a
-delay; a line that fills within a few frames cannot be distinguished from one.
+behavior of a soft arm (dead bands, slow relaxations) is fitted as well, so that it is not mistaken
+for a delay; an air line that fills within a few frames cannot be distinguished from a delay.
 """
 
 from __future__ import annotations
@@ -40,33 +40,39 @@ Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockDelaySettings:
-    """Settings of the delay fit, and criteria for an undetermined delay."""
+    """Settings of the delay fit, and criteria for rejecting a delay."""
 
     components: int = tuning(
         2, 'principal components of the motion that are used', unit='number', source=('sweep')
     )
     seen: float = tuning(0.8, 'share of the frames in which a target must be seen', source='sweep')
     overlap: float = tuning(
-        0.75, 'least overlap of film and table, relative to the shorter one', source=('sweep')
+        0.75, 'smallest overlap of film and table, relative to the shorter one', source=('sweep')
     )
     explained: float = tuning(
-        0.8, 'share of the motion that pressure and load explain, at least', source='sweep'
+        0.8, 'smallest share of the motion that pressure and load must explain', source='sweep'
     )
     rival: float = tuning(
-        2.0, 'residual of the next best delay over that of the best, squared', source='sweep'
+        2.0, 'squared residual of the next best delay over that of the best', source='sweep'
+    )
+    separation: float = tuning(
+        5.0, 'smallest difference between two distinct delays', unit='frame'
     )
     powers: int = tuning(6, 'highest power of the pressure', unit='number', source=('sweep'))
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
-        'sets of plays, each fitted; their spread is part of the standard error',
+        'sets of plays (dead bands), each fitted; the spread of the fits is part of the '
+        'standard error',
         unit='range of pressure',
         source=('sweep'),
     )
-    law: float = tuning(0.1, 'relative error of the effect of plays on the delay', source='sweep')
+    law: float = tuning(
+        0.1, 'relative error of the effect that plays have on the delay', source='sweep'
+    )
     distinct: float = tuning(
         0.1,
         'least share of the effect of a delay that no play can imitate',
-        source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
+        source='measured: 0.00 to 0.09 if the pressure repeats one loop, else 0.10 to 0.95',
     )
     relaxations: tuple[float, ...] = tuning(
         (1.0, 3.0, 10.0, 30.0), 'time constants', unit='s', source=('sweep')
@@ -88,10 +94,10 @@ CLOCK_DELAY = ClockDelaySettings()
 class ClockDelay:
     """The delay between two clocks, which start at the first frame and first reading.
 
-    delay, std (s): a frame shows the arm at its time minus delay, with one standard error;
+    delay, std (s): a frame shows the arm at its stamp minus delay; std is the standard error;
     explained: share of the motion explained by pressure and load; frames: number used;
     frame_period (s). repeated: frames in which the arm stands still although its inputs change,
-    because a film repeats the previous frame for a lost one. trouble: why the data cannot
+    because a film repeats the previous frame for a lost one. trouble: why the data do not
     determine the delay, None if they do.
     """
 
@@ -127,8 +133,8 @@ def estimate_delay(
     """Return the offset of the clock of the film relative to that of the readings.
 
     The delay minimizes the residual of the motion as a smooth function of its inputs; its standard
-    error is by leaving out blocks of the film (jackknife), which allows for correlated residuals,
-    widened by Student's t if there are few blocks.
+    error is estimated by leaving out blocks of the film (jackknife), which allows for correlated
+    residuals, and widened by Student's t if there are few blocks.
 
     Args:
         frame_time: (frames,) s, increasing.
@@ -216,8 +222,8 @@ def _cannot_tell(
     """Explain why an estimated delay is unreliable; None if it is reliable."""
     if clock.explained < CLOCK_DELAY.explained:
         return Note(
-            f'at no delay do pressure and load explain more than {100.0 * clock.explained:.3g} % '
-            'of the motion: are film and table of the same run?',
+            f'pressure and load explain at most {100.0 * clock.explained:.3g} % of the motion, '
+            'at any delay: are film and table of the same run?',
             reason='nothing_in_common',
         )
     best = fit.unexplained(clock.delay)
@@ -242,7 +248,8 @@ def _cannot_tell(
 def motion_components(motion: Array) -> tuple[Array, Indices]:
     """Return the largest principal components of the motion (kept, components), and their frames.
 
-    They are from the targets that are nearly always seen, in the frames that show all of these.
+    They are computed from the targets that are nearly always seen, in the frames that show all of
+    these.
     """
     seen = np.isfinite(motion)
     with_targets = seen.any(axis=1)
@@ -300,29 +307,29 @@ class DelayFit:
         return np.flatnonzero((at >= self.grid[0]) & (at <= self.grid[-1]))
 
     def rows(self, table: Array, times: Array) -> Array:
-        """Interpolate rows of a table on the grid at other times."""
+        """Interpolate rows of a table on a regular grid at other times."""
         place = (times - self.grid[0]) / (self.grid[1] - self.grid[0])
         row = np.clip(place.astype(np.int64), 0, len(self.grid) - 2)
         above = (place - row)[:, None]
         return np.asarray((1.0 - above) * table[row] + above * table[row + 1])
 
     def design(self, times: Array) -> tuple[Array, Array]:
-        """Return the columns at these times with a constant, (n, k + 1), and their scales (k,)."""
+        """Return the regressors and a constant at these times, (n, k + 1), and scales (k,)."""
         columns = self.rows(self.columns, times)
         columns = columns - columns.mean(axis=0)
         scales = np.sqrt((columns**2).mean(axis=0)) + 1e-12
         return np.column_stack([np.ones(len(times)), columns / scales]), scales
 
     def normal(self, design: Array) -> Array:
-        """Return the normal matrix of a design."""
+        """Return the normal matrix of a design matrix."""
         ridge = RIDGE * len(design)
         return np.asarray(design.T @ design + ridge * np.eye(design.shape[1]))
 
     def unexplained(self, delay: float, every: int = 1) -> Array:
         """Return the unexplained share of each component's variance; inf with too few frames.
 
-        The variance is that in the frames covered by the table: where the arm rests, no delay
-        leaves a residual, and nothing is explained.
+        The variance is that in the frames covered by the table: while the arm rests, there is no
+        motion to explain.
         """
         frames = self.inside(delay)
         fewest = max(FEWEST_FRAMES, 0.9 * self.shorter / self.period)
@@ -373,7 +380,7 @@ class DelayFit:
         """Return the frames in which the arm stands still although its inputs change.
 
         Within the usual residual, the arm is where it was one frame before, but not where pressure
-        and load predict it: the picture was repeated, or it was taken at the start of a motion,
+        and load predict it: the image was repeated, or it was taken at the start of a motion,
         within the error of the delay.
         """
         frames = self.inside(delay)
@@ -390,7 +397,7 @@ class DelayFit:
         return np.asarray(frames[1:][is_repeated])
 
     def details(self, delay: float) -> FitDetails:
-        """Return the uncertainty of a delay: linearized, and without each block of frames in turn.
+        """Return the uncertainty of a delay: by linearization, and without each block of frames.
 
         A few blocks may contain all information on the delay: Student's t has the effective number
         of equally informative blocks, minus one, as its degrees of freedom.
@@ -445,8 +452,9 @@ def box_average(time: Array, values: Array, centers: Array, width: float) -> Arr
 def regressors(inputs: Array, step: float, plays: Plays) -> Array:
     """Return the regressors of the motion, (instants, columns).
 
-    They are powers of the pressure; the lag of a play of each width, weighted by powers; the lead
-    of the pressure over each relaxation; powers of every load, and its products with the pressure.
+    They are powers of the pressure; the lag of a play of each width, times powers of the pressure;
+    the lead of the pressure over each relaxation; powers of every load, and its products with the
+    pressure.
     """
     pressure = unit_range(inputs[:, 0])
     widths, powers = plays
@@ -476,7 +484,7 @@ def unit_range(values: Array) -> Array:
 
 
 def follow_play(values: Array, width: float) -> Array:
-    """Return the output of a play for values in unit range; width: relative to it."""
+    """Return the output of a play for values in unit range; width: relative to that range."""
     followed, output = np.empty_like(values), float(values[0])
     for place, value in enumerate(values.tolist()):
         output = min(max(output, value - width), value + width)

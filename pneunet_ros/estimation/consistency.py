@@ -1,11 +1,11 @@
-"""Running disagreement between measured targets and the estimate: triggers a diagnosis.
+"""Running comparison of measured targets with the estimate; a disagreement suggests a diagnosis.
 
-Like the estimator: state in, state out, without clock, topic or file. `take_estimate` takes every
-pressure reading with its outcome, `take_targets` every frame of targets, and
+Like the estimator, it maps a state to the next one, without clock, topic or file. `take_estimate`
+processes every pressure reading with its outcome, `take_targets` every frame of targets, and
 `ConsistencyState.disagreement` gives the current result. A frame is compared with the prediction
 from the neighboring estimates (`frame_prediction`), one of which must be at most `reach` away.
-`agreement_of` is the verdict on a whole recording, for single frames and, by `persistent_errors`,
-for all frames together.
+`agreement_of` gives the verdict on a whole recording, for single frames and, with
+`persistent_errors`, for all frames together.
 """
 
 from __future__ import annotations
@@ -48,23 +48,28 @@ class ConsistencySettings:
 
     reach: float = tuning(
         0.75,
-        'distance of a frame from the nearest reading, with half as much for jitter',
+        'largest distance of a frame from the nearest reading, in periods; includes half a '
+        'period of jitter',
         unit='period',
         source=('sweep'),
     )
     tip_level: float = tuning(
-        0.05, 'share of frames whose tip leaves its ellipse by noise', source='convention'
+        0.05,
+        'share of frames whose tip lies outside its ellipse by noise alone',
+        source='convention',
     )
     most_tips: float = tuning(
         0.2,
-        'largest share of tips outside their ellipses for a model that holds: a systematic error '
-        'puts more outside',
+        'largest share of tips outside their ellipses for a model that holds; a systematic '
+        'error puts more outside',
         source='sweep',
     )
 
 
 DEFAULTS = ConsistencySettings()
-FORCE_NOT_JUDGED = 'without an end wrench force is not judged: one on the arm looks the same'
+FORCE_NOT_JUDGED = (
+    'without an end wrench the force is not checked: a force on the arm would look the same'
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +96,7 @@ class Disagreement:
 
     @property
     def sentence(self) -> str:
-        """Describe it for users."""
+        """Describe the disagreement for users."""
         return (
             f'measured targets are {self.rms:.3g} x their noise away from the estimate (noise '
             f'alone: less than {self.limit:.3g}), worst at {self.arclength:.4g} m, target '
@@ -119,9 +124,9 @@ class FrameInnovation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """Whether a model fits a recording: measured against predicted targets, in noise units.
+    """Whether a model fits a recording: measured versus predicted targets, in units of the noise.
 
-    median: of the whitened rms of a frame, 1 for pure noise; limit: noise limit of the rms of a
+    median of the whitened rms of a frame, 1 for pure noise; limit: noise limit of the rms of a
     frame; beyond: share of frames beyond that limit; most: largest such share of a model that
     holds. tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN if no tip
     was seen; tips_chance: p-value of that share; sure: significance level. fewest: frames needed
@@ -160,10 +165,12 @@ class Agreement:
 
     @property
     def sentence(self) -> str:
-        """Describe it for users."""
+        """Describe the agreement for users."""
         verdict, advice = 'the model holds on this recording', ''
         if self.holds is None:
-            verdict = f'too few frames to say whether the model holds (fewer than {self.fewest})'
+            verdict = (
+                f'too few frames to decide whether the model holds (fewer than {self.fewest})'
+            )
         elif not self.holds:
             verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
         persistent_part = ''
@@ -191,7 +198,7 @@ class RunningInnovation:
     weight: effective number of frames; frames: actual number; chi_square: per coordinate;
     coordinates: per frame; beyond: share of frames beyond the limit; at_targets (targets,): chi
     square of each target per coordinate, NaN if it was never seen; arclength (targets,) m: of the
-    targets; force_read: whether the end load was measured in the last one.
+    targets; force_read: whether the end load was measured at the last frame.
     """
 
     stamp_ns: int
@@ -225,7 +232,7 @@ class ConsistencyState:
         return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
 
     def without_frames_after(self, stamp_ns: int) -> ConsistencyState:
-        """Drop a waiting frame whose stamp was in the future."""
+        """Drop a waiting frame whose stamp turned out to be in the future."""
         waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
         return replace(self, waiting=waiting).count_unmatched(AHEAD)
 
@@ -358,7 +365,7 @@ def compare_waiting(state: ConsistencyState, estimator: Estimator) -> Consistenc
 
 
 def is_at(estimate: ShapeEstimate, shown_ns: int) -> bool:
-    """Whether a frame has the stamp of an estimate, so that no later reading matters."""
+    """Whether a frame has the stamp of an estimate, so that no later reading is needed."""
     return estimate.stamp_ns == shown_ns and not estimate.wrench_age
 
 

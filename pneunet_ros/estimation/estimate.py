@@ -21,12 +21,12 @@ class ShapeEstimate:
     stamp_ns: of the pressure reading; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
     std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None if no
-    wrench is needed; warnings: sentences about limits of the estimate. position: of its load
+    wrench is needed; warnings: sentences about limits of the estimate. position: that of its load
     relative to the domain of the model. gravity: as measured, along x and y, in g; None: as in the
     model.
 
     noise (sources, causes): noise input matrix; curved: second-order effects, including the
-    linearization; both are the source of covariance and standard deviations, and are kept to avoid
+    linearization. Covariance and standard deviations follow from both, which are kept to avoid
     linearizing again. noise excludes the additional model error outside the domain. motion: of the
     arm, None if the model has no `motion`; with motion, shape and standard deviations are those of
     the moving arm, but jacobian, noise and curved are those of its equilibrium.
@@ -76,7 +76,7 @@ def estimate_of(
     motion: MotionEstimate | None = None,
     gravity: tuple[float, float] | None = None,
 ) -> ShapeEstimate:
-    """Return the estimate of a solved shape with propagated errors; notes: to be attached."""
+    """Return the estimate of a solved shape with propagated errors; notes: notes to attach."""
     warnings = [*notes, *position.notes]
     if shape.stable is False:
         warnings.append('the equilibrium is unstable under dead load')

@@ -44,8 +44,8 @@ class Estimator:
     arm: with the noise of its sensors and the covariance of its model; settings: meaning and
     timeouts of the readings; arclength (stations,) m: of the stations; table: derivatives of the
     rod's record by pressure and model; moving: the moving arm with stations and targets, None if
-    the model has no `motion`; gravity: the source of its direction. Raises ModelError if a column
-    of the model's covariance leads out of bounds.
+    the model has no `motion`; gravity: the source of the direction of gravity. Raises ModelError
+    if a column of the model's covariance moves a parameter out of bounds.
     """
 
     arm: Arm
@@ -194,7 +194,7 @@ class Estimator:
         position: DomainPosition,
         off_plane: OutOfPlane,
     ) -> Refusal | None:
-        """Return why there is no estimate under a load; None if there is one."""
+        """Return why there can be no estimate under a load; None if there can be one."""
         if off_plane.stops:
             return refuse(reading.stamp_ns, 'out_of_plane', off_plane.sentence)
         if not position.reason:

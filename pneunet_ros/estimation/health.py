@@ -1,4 +1,4 @@
-"""Health of the estimator: inputs, estimates and refusals, summarized once a second."""
+"""Health of the estimator: inputs, estimates and refusals, summarized every second."""
 
 from __future__ import annotations
 
@@ -158,5 +158,5 @@ class EstimatorHealth(InputHealth):
 
 
 def force_judged(force_read: bool) -> str:
-    """State whether a comparison with targets can reveal a wrong force."""
+    """State whether a comparison with targets can reveal an error of the force."""
     return 'yes' if force_read else f'no: {FORCE_NOT_JUDGED}'

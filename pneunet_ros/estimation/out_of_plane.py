@@ -46,8 +46,8 @@ class OutOfPlane:
 def out_of_plane(arm: Arm, settings: EstimatorSettings, wrench: WrenchReading) -> OutOfPlane:
     """Return the out-of-plane part of an end wrench, relative to its limit.
 
-    The limit is a share of the largest force in the domain of the arm and of its moment, but at
-    least the noise. Without a domain, the weight of the arm is used as the force.
+    The limit is a share of the largest force in the domain of the arm, and of the largest moment,
+    but at least the noise. Without a domain, the weight of the arm is used as the force.
     """
     if arm.domain is None:
         force, moment = arm.weight, arm.weight * arm.length

@@ -1,10 +1,10 @@
 """Persistent errors over a recording: one joint test of a model on all frames.
 
-An error common to all frames is hidden by the noise of each. Here the stated errors of a model are
-unknowns shared by all frames: the columns of its covariance, the placement of the targets, and the
-path of the camera. Their prior is the posterior of the calibration, and all frames together
-estimate them. A model holds if the estimate is consistent with the prior and with the noise of the
-frames, and if the residuals are consistent with that noise.
+The noise of each frame hides an error that is common to all frames. Here the stated errors of a
+model are unknowns shared by all frames: the columns of its covariance, the placement of the
+targets, and the path of the camera. Their prior is the posterior of the calibration, and all
+frames together estimate them. A model holds if the estimate is consistent with the prior and with
+the noise of the frames, and if the residuals are consistent with that noise.
 
 Errors correlated from frame to frame carry less information than independent ones; the residuals
 determine how much less. Source: Newey and West, Econometrica 55 (1987).
@@ -60,7 +60,7 @@ class PersistenceSettings:
     )
     camera: float = tuning(
         0.01,
-        'displacement of the camera, which is no error of the arm',
+        'displacement of the camera, which is not an error of the arm',
         unit='length',
         source=('sweep'),
     )
@@ -77,7 +77,7 @@ class FrameEvidence:
     residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
     white noise, NaN: that of the model; tip_errors (sources, 2) m: displacement of the tip by one
     sigma of each error of readings and model; tip_covariance (2, 2) m^2 of the estimate. beyond:
-    the frame alone deviates by more than noise can explain.
+    whether the frame alone deviates by more than noise can explain.
     """
 
     stamp_ns: int
@@ -113,8 +113,8 @@ class PersistentErrors:
 
     frames: number used; repeated: number of frames equivalent to one independent frame, 1 if the
     noise is independent. moved: chi squared of the estimated columns of the model's covariance, of
-    which `unknowns` are determined by the frames; moved_with_places, unknowns_with_places: the
-    same including the target positions. chance: p-value of that chi squared; sure: significance
+    which `unknowns` are determined by the frames; moved_with_places, unknowns_with_places: these
+    numbers including the target positions. chance: p-value of that chi squared; sure: significance
     level. left: chi squared per degree of freedom of the remaining residual; left_limit: its limit
     for noise alone. tip_rms (m): resulting displacement of the tip; tips_outside: share of frames
     whose true tip is then outside its stated 95 % ellipse.
@@ -150,7 +150,7 @@ class PersistentErrors:
 
     @property
     def sentence(self) -> str:
-        """Describe the problem for users; empty if there is none."""
+        """Describe the deviation for users; empty if there is none."""
         if self.holds:
             return ''
         facts = []
@@ -165,8 +165,9 @@ class PersistentErrors:
             )
         if not self.noise_left:
             facts.append(
-                f'and the part that its covariance cannot explain is {math.sqrt(self.left):.2g} '
-                f'x the noise (noise alone: less than {math.sqrt(self.left_limit):.2g})'
+                'and the residual that its covariance cannot explain is '
+                f'{math.sqrt(self.left):.2g} x the noise (noise alone: less than '
+                f'{math.sqrt(self.left_limit):.2g})'
             )
         return ', '.join(facts).removeprefix('and ')
 
@@ -179,10 +180,10 @@ class PersistentErrors:
     def advice(self) -> str:
         """Return the advice to users."""
         if self.noise_left:
-            return 'the same model with other parameters would explain it: recalibrate'
+            return 'the same model with other parameters would fit: recalibrate'
         return (
-            'the arm has changed, or the model lacks an effect. Recalibrate, and run pneunet '
-            'diagnose on the new recordings'
+            'the arm has changed, or an effect is missing in the model. Recalibrate, and run '
+            'pneunet diagnose on the new recordings'
         )
 
 
@@ -303,7 +304,7 @@ def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
 
 
 def frames_as_one(scores: Array) -> float:
-    """Return the number of correlated frames that equal one independent frame, at least 1.
+    """Return how many correlated frames are worth one independent frame, at least 1.
 
     scores (frames, unknowns): contribution of the residual of each frame to each unknown.
     """
@@ -320,7 +321,7 @@ def frames_as_one(scores: Array) -> float:
 def distance(step: Array, spread: Array) -> tuple[float, int]:
     """Return chi squared of a step (n,) with covariance spread (n, n), and its degrees of freedom.
 
-    Directions hardly determined by the frames do not count.
+    Directions that the frames hardly determine do not count.
     """
     variances, axes = np.linalg.eigh(spread)
     seen = variances > SEEN
@@ -331,8 +332,8 @@ def distance(step: Array, spread: Array) -> tuple[float, int]:
 def without_prior(step: Array, covariance: Array) -> tuple[Array, Array]:
     """Return a step (n,) and its covariance (n, n) from the frames alone, without the prior.
 
-    This is needed because a refuted prior holds a step back. With uninformative frames the step is
-    unchanged.
+    A prior that the frames contradict would shorten the step. If the frames are uninformative, the
+    step is unchanged.
     """
     remaining, axes = np.linalg.eigh(covariance)
     information = np.where(1.0 - remaining > SEEN, 1.0 - remaining, 1.0)
@@ -346,7 +347,7 @@ def chance_of(distance: float, unknowns: int) -> float:
 
 
 def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
-    """Return the squared tip displacement (m^2) in a frame by a step of the model columns.
+    """Return the squared tip displacement (m^2) in a frame due to a step of the model columns.
 
     Also returns the probability that the true tip is then outside its stated 95 % ellipse,
     including the errors of its readings. covariance (columns, columns): of the step. A sum of

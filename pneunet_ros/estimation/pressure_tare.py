@@ -23,9 +23,8 @@ def pressure_zero(
 
     convention: meaning of the sensor readings; its offset is ignored.
 
-    The offset is None if there are too few readings, if they vary by more than the noise and a
-    share of the range, or if the offset is implausible as a zero error of a gauge, or of an unset
-    zero for this range.
+    The offset is None if there are too few readings, if they vary by more than the noise and by
+    more than a share of the range, or if the offset is too large for a zero error.
     """
     if len(readings) < FEWEST:
         return None, f'only {len(readings)} recent pressure readings; at least {FEWEST} are needed'

@@ -25,8 +25,8 @@ PERIOD = 1.0  # s between verdicts, as of diagnostics
 class PressureWatch:
     """Pressure readings so far, the time of the last check, and its verdict.
 
-    since: the record since a verdict that doubted the readings; it replaces the whole record if it
-    shows that the sensor was corrected.
+    since: the record since a verdict against the readings; if it shows that the sensor was
+    corrected, it replaces the whole record.
     """
 
     record: PressureRecord = field(default_factory=PressureRecord)
@@ -77,7 +77,7 @@ class PressureWatch:
     def hint(self, reading: PressureReading, arm: Arm, settings: EstimatorSettings) -> str:
         """Suggest the likely meaning of an impossible reading; empty if none fits.
 
-        All readings so far are judged, or this one alone if these do not fit.
+        The suggestion is based on all readings so far or, if they do not agree, on this one alone.
         """
         alone = PressureRecord().after(reading.stamp_ns, reading.pressure)
         for record in (self.record, alone):

@@ -27,7 +27,7 @@ LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Centerlines:
-    """Points along an arm over time: stamp_ns (frames,) increasing, arclength (points,) m.
+    """Points along an arm over time; stamp_ns (frames,) increasing, arclength (points,) m.
 
     points (frames, 2, points): x, y in m, NaN where unknown. topic: their source.
     """
@@ -49,7 +49,7 @@ class Centerlines:
         object.__setattr__(self, 'points', frozen_array(self.points, (frames, 2, places)))
 
     def at(self, frames: Stamps, arclength: Array) -> Array:
-        """Return x, y of these frames at places (m) along the arm, (frames, 2, places) m."""
+        """Return x, y at places (m) along the arm in these frames, (frames, 2, places) m."""
         chosen = self.points[frames]
         if np.array_equal(arclength, self.arclength):
             return chosen
@@ -84,7 +84,7 @@ class Tips:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pressures:
-    """Pressures (readings,) Pa of a source over time, stamp_ns (readings,) increasing."""
+    """Pressures (readings,) Pa of a source at stamp_ns (readings,), which increase."""
 
     stamp_ns: Stamps
     values: Array
@@ -94,8 +94,8 @@ class Pressures:
 class ShapeSeries:
     """Shapes of one source: centerlines, the free end, or both.
 
-    frame: the coordinate frame, '' if unknown. exact: a ground truth without errors. pressures:
-    its pressures, None if unknown. whole: its centerlines reach to the free end.
+    frame: the coordinate frame, '' if unknown. exact: whether it is a ground truth without errors.
+    pressures: its pressures, None if unknown. whole: whether its centerlines reach the free end.
     """
 
     name: str
@@ -124,9 +124,9 @@ class TipErrors:
     """Tip errors over matched frames.
 
     difference (frames, 2) m; heading (frames,) rad, NaN if unknown on one side; motion (frames,)
-    m: its motion, at its speed, in the time between the stamps. at (m): compared place along the
-    arm; at_end: whether it is the free end. inside_95: share of the frames whose 95 % ellipse
-    contains the truth, NaN without covariance or truth. topics: of the two sides.
+    m: how far the tip moves, at its speed, in the time between the stamps. at (m): compared place
+    along the arm; at_end: whether that is the free end. inside_95: share of the frames whose 95 %
+    ellipse contains the truth, NaN without covariance or truth. topics: those of the two sides.
     """
 
     topics: tuple[str, str]
@@ -149,7 +149,7 @@ class TipErrors:
 class CenterlineErrors:
     """Shape errors over matched frames, at arclength (places,) m.
 
-    of, to (frames, 2, places) m. topics: of the two sides.
+    of, to (frames, 2, places) m. topics: those of the two sides.
     """
 
     topics: tuple[str, str]
@@ -168,7 +168,7 @@ class CenterlineErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """One source against another. length (m): of the arm, NaN if unknown.
+    """Comparison of one source with another; length (m) of the arm, NaN if unknown.
 
     tip, shape: None if one side does not have it, if no frame matches, or if the two are of
     different arms or runs, as described in `unlike`.
@@ -279,8 +279,8 @@ def _other_pressures(
         return []
     return [
         Note(
-            f'they are of different runs: at the same stamps the pressure of {of.name} and that '
-            f'of {to.name} differ by {1e-3 * difference:.3g} kPa rms',
+            f'they are of different runs: at the same stamps the pressures of {of.name} and '
+            f'{to.name} differ by {1e-3 * difference:.3g} kPa rms',
             reason='other_run',
         )
     ]
@@ -293,7 +293,7 @@ def contents(series: ShapeSeries) -> str:
 
 
 def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | None:
-    """Compare the free ends; at: arclength, m; exact: whether the second side is the truth."""
+    """Compare the free ends; at: arclength (m); exact: whether the second side is the truth."""
     mine, other = match_series(of.stamp_ns, to.stamp_ns)
     difference = of.place[mine] - to.place[other]
     kept = np.isfinite(difference).all(axis=1)
@@ -342,8 +342,8 @@ def share_inside(difference: Array, covariance: Array) -> float:
 def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | None:
     """Compare at the places of one side, as far as both reach along the arm.
 
-    It is the side with missing points, or with fewer points; the other one is interpolated by
-    cubic splines over arclength. None if no frame matches.
+    The places are those of the side with missing points, or with fewer points; the other side is
+    interpolated by cubic splines over arclength. None if no frame matches.
     """
     coarse, fine = sorted(
         (of, to), key=lambda item: (bool(np.isfinite(item.points).all()), len(item.arclength))
@@ -390,7 +390,7 @@ def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
 
 
 def match_series(of_ns: Stamps, to_ns: Stamps) -> tuple[Stamps, Stamps]:
-    """Match the frames of two series, by the frames of the slower one."""
+    """Match the frames of two series; each frame of the slower series gets a partner."""
     empty = np.zeros(0, dtype=np.int64)
     if not of_ns.size or not to_ns.size:
         return empty, empty
@@ -408,7 +408,7 @@ def median_period(stamp_ns: Stamps) -> float:
 
 
 def stamps_apart(of_ns: Stamps, to_ns: Stamps) -> Array:
-    """Return the distances (s) of matched stamps."""
+    """Return the time differences (s) of matched stamps."""
     return np.asarray(np.abs(of_ns - to_ns) * 1e-9)
 
 

@@ -25,11 +25,11 @@ from pneunet_ros.solver.solution import SolverNodes
 class EstimatorState:
     """State of an estimator between readings.
 
-    history_ns: stamp of the last pressure reading in the history (impossible readings are
-    skipped); moving: motion of the arm, if the model has `motion`; before: the state before a
-    pressure reading that follows a gap of more than a second, kept until the next reading shows
-    whether its stamp was right; watch: check of the declared meaning of pressure readings;
-    gravity: direction of gravity.
+    history_ns: stamp of the last pressure reading in the history, without impossible readings;
+    moving: motion of the arm, if the model has `motion`; before: the state before a pressure
+    reading that follows a gap of more than a second, kept until the next reading shows whether its
+    stamp was right; watch: check of the declared meaning of pressure readings; gravity: direction
+    of gravity.
     """
 
     pressure_stamp_ns: int | None = None
@@ -63,7 +63,7 @@ class EstimatorState:
         )
 
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
-        """Return the state after a pressure reading without an estimate: no branch to follow."""
+        """Return the state after a pressure reading without an estimate."""
         return EstimatorState(
             pressure_stamp_ns=stamp_ns,
             history_ns=stamp_ns,
@@ -98,7 +98,7 @@ class EstimatorState:
         )
 
     def with_impossible(self, stamp_ns: int) -> EstimatorState:
-        """Return the state after an impossible pressure reading, which leaves it unchanged."""
+        """Return the state after an impossible pressure reading, which is only counted."""
         return replace(self, pressure_stamp_ns=stamp_ns, solution=None)
 
     def with_estimate(
@@ -141,9 +141,9 @@ class EstimatorState:
 def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refusal | None, str]:
     """Whether a reading is admissible: finite, stamped, and later than the last one of its kind.
 
-    A stamp that jumps back by more than a second causes a restart (a looping bag, a restarted
-    simulation), unless it only shows that the previous stamp was wrong; the third value tells
-    these apart.
+    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) causes a
+    restart, unless it only shows that the previous stamp was wrong; the third value says which of
+    these happened.
     """
     what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
     last = state.pressure_stamp_ns

@@ -12,7 +12,7 @@ from pneunet_ros.measurement.steady_states import held_spans, SHORTEST_HOLD
 def steady_estimates(
     estimates: Iterable[ShapeEstimate], shortest: float = SHORTEST_HOLD
 ) -> list[ShapeEstimate]:
-    """Return the last estimate of every interval of at least `shortest` s with constant load."""
+    """Return the last estimate of every interval of at least `shortest` s of constant load."""
     kept = list(estimates)
     stamps = np.array([estimate.stamp_ns for estimate in kept], dtype=np.int64)
     shapes = [estimate.shape for estimate in kept]

@@ -1,9 +1,9 @@
 """Atomic output: files and folders appear complete or not at all.
 
 Everything is written under a hidden name next to its final path, and moved there at the very end.
-After an exception or interrupt nothing is left; after a kill only the hidden scratch folder, which
-the next run that writes there removes. A live run holds a lock on its scratch folder; the system
-releases it when the run ends, however it ends.
+An exception or interrupt leaves nothing behind. A kill leaves only the hidden scratch folder,
+which the next run that writes there removes. A live run holds a lock on its scratch folder; the
+system releases it when the run ends, however it ends.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class _Output:
             )
         if not self.temporary.exists():
             raise RecordingError(
-                f'{self.path} was not written: nothing was produced for it',
+                f'{self.path} was not written, because there is no content for it',
                 reason='nothing_written',
             )
 
@@ -146,7 +146,8 @@ _TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', def
 def outputs_written() -> list[str]:
     """Return the finished outputs of this process, as the user named them.
 
-    An interrupt may occur between renaming and recording the name, hence the check on disk.
+    An interrupt may occur between renaming and recording the name, so the files are checked on
+    disk.
     """
     return [
         path for path, final, number in _PUT if final.exists() and final.stat().st_ino == number

@@ -50,10 +50,7 @@ def load_camera(path: str | Path) -> CameraSettings:
 
 
 def load_camera_info(path: str | Path) -> Lens:
-    """Read the camera_info YAML written by camera_calibration; CameraError like `load_camera`.
-
-    Name, rectification and projection are ignored: they do not affect points of raw images.
-    """
+    """Read the camera_info YAML written by camera_calibration; raises CameraError."""
     return CALIBRATION_FILE.load(path, lens_from_mapping)
 
 

@@ -52,7 +52,7 @@ def load_model(path: str | Path) -> Arm:
     """Read a calibrated arm from a model file (YAML, SI).
 
     Args:
-        path: of the file; its format is described in docs/model.md.
+        path: model file; docs/model.md describes the format.
 
     Returns:
         The arm.
@@ -68,8 +68,8 @@ def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
 
     Args:
         arm: the arm.
-        path: of the file.
-        overwrite: replace an existing file.
+        path: where to write the file.
+        overwrite: whether to replace an existing file.
 
     Raises:
         PneunetError: the file exists already, or cannot be written.
@@ -199,8 +199,8 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
     for name in MODEL_FILE.mapping(content, 'effects'):
         if name not in EFFECTS:
             raise ModelError(
-                f'unknown key effects.{name}; known effects: {", ".join(EFFECTS)}. For an effect '
-                'of your own, give its folder with --effects-path DIR, or with the parameter '
+                f'unknown key effects.{name}; known effects: {", ".join(EFFECTS)}. To use an '
+                'effect of your own, give its folder with --effects-path DIR, or with the parameter '
                 'effects_path of a node',
                 reason='unknown_key',
             )

@@ -24,7 +24,7 @@ _KINDS = (
 def readable(path: Path, name: Path | None = None) -> Iterator[BinaryIO]:
     """Open a regular file for reading; RecordingError if it, or a part of it, cannot be read.
 
-    name: that of the file in the message, if it is a copy.
+    name: the name to use in messages, if the file is a copy.
     """
     try:
         with open_regular(path) as stream:
@@ -38,8 +38,8 @@ def readable(path: Path, name: Path | None = None) -> Iterator[BinaryIO]:
 def open_regular(path: Path) -> BinaryIO:
     """Open a regular file for reading; OSError for pipes, devices and folders.
 
-    Standard input may also be a file (`< file`), but not a pipe, because readers here need random
-    access. An invalid file name is an OSError, too.
+    Standard input may be a file (`< file`) but not a pipe, because readers here need random
+    access. An invalid file name raises OSError as well.
     """
     try:
         mode = path.stat().st_mode

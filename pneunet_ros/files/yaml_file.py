@@ -35,7 +35,7 @@ class PlainConstructor(SafeConstructor):
         for key, _ in node.value:
             if key.tag == 'tag:yaml.org,2002:merge':
                 raise ConstructorError(
-                    problem='merge keys (<<) are not supported: write the values out',
+                    problem='merge keys (<<) are not supported: write out the values',
                     problem_mark=key.start_mark,
                 )
         super().flatten_mapping(node)
@@ -54,7 +54,7 @@ class PlainConstructor(SafeConstructor):
         text: str = super().construct_yaml_str(node)
         if any(character == '\0' or '\ud800' <= character <= '\udfff' for character in text):
             raise ConstructorError(
-                problem='a text with a null character or an incomplete character',
+                problem='a text with a null character or a lone surrogate',
                 problem_mark=node.start_mark,
             )
         return text
@@ -69,7 +69,7 @@ for tag, construct in (
 
 @lru_cache(maxsize=8)  # every node of a gripper and every arm of a fleet reads the same model
 def parsed(text: str) -> Any:
-    """Return the content of a text, which is not to be changed."""
+    """Return the content of a text; callers must not change it."""
     yaml = YAML(typ='safe', pure=True)
     yaml.Constructor = PlainConstructor
     yaml.composer.warn_double_anchors = False  # YAML allows it: the last one holds

@@ -36,10 +36,10 @@ LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED, MOTION})
 class Belief(Gaussian):
     """The belief at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
-    walk: of the forces; sizes (sizes,): log weights of the sizes of the model error; chamber: the
-    pressure reading (Pa), NaN if there was none; solution: the rod at the frame, None before the
-    first; frames: number used so far; causes: names of the active causes; reference: reference of
-    a swing, None if the model has no `motion`, or before any frame.
+    walk: random walk of the forces; sizes (sizes,): log weights of the possible sizes of the model
+    error; chamber: the pressure reading (Pa), NaN if there was none; solution: the rod at the
+    frame, None before the first; frames: number used so far; causes: names of the active causes;
+    reference: reference of a swing, None if the model has no `motion`, or before any frame.
     """
 
     stamp_ns: int
@@ -53,7 +53,7 @@ class Belief(Gaussian):
 
     @property
     def unpressed(self) -> bool:
-        """Whether the last frame had no pressure reading; the error is then the whole pressure."""
+        """Whether the last frame had no pressure reading; the bias is then the whole pressure."""
         return self.frames > 0 and math.isnan(self.chamber)
 
     @property
@@ -95,7 +95,7 @@ def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
 def with_outlier_targets(
     unknowns: Unknowns, settings: FusionSettings, belief: Belief, outliers: npt.NDArray[np.intp]
 ) -> Belief:
-    """Widen the positions of targets that their gate rejected: they have moved."""
+    """Widen the positions of targets that their gate rejected, because they have moved."""
     where = unknowns.at(Placement).start + unknowns.block(Placement).of_dots(outliers)
     return forget(belief, where, math.sqrt(settings.target_gate) * unknowns.std[where])
 
@@ -112,9 +112,9 @@ def move_belief(
 ) -> Belief:
     """Propagate the belief to another stamp, forward or backward.
 
-    size: of the model error; pressure_change (Pa): since then; walk (N/sqrt(s)): of the
-    forces from now on, None: as recently; noise (N m, Pa): one sigma of the new readings of moment
-    and pressure, None if they are the previous ones.
+    size of the model error; pressure_change (Pa) over the propagation; walk (N/sqrt(s)): random
+    walk of the forces from now on, None: as recently; noise (N m, Pa): one sigma of the new
+    readings of moment and pressure, None if there are no new ones.
     """
     seconds = seconds_between(belief.stamp_ns, stamp_ns)
     steady = belief.walk.steadiness(seconds) if walk is None else 1.0
@@ -141,7 +141,7 @@ def with_walk(unknowns: Unknowns, before: Belief, after: Belief) -> Belief:
     """Return the belief after a frame, with the random walk of the forces estimated from it.
 
     before, after: the beliefs at the last frame and at this one; their forces are nearly
-    independent. A change of force beyond the sum of the two variances is attributed to the walk.
+    independent. A change of force larger than their variances explain is attributed to the walk.
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:

@@ -1,4 +1,4 @@
-"""Estimate from the belief at the stamp of a pressure reading, with all errors."""
+"""Estimate from the belief propagated to the stamp of a pressure reading, with all errors."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.solution import SolverNodes
 
 STIFFNESS_UNKNOWN = (
-    'the model was calibrated without loads, so its stiffness is unknown and no force can be '
-    'estimated: calibrate with loads'
+    'no force can be estimated, because the model was calibrated without loads and its '
+    'stiffness is unknown: calibrate with loads'
 )
 SETUP_PROBLEMS = (
     *(one.sentence for one in CAUSES if one.sentence),
@@ -55,9 +55,9 @@ class BelievedArm:
     """The arm at the stamp of a reading, according to the belief.
 
     belief: propagated to the stamp; unseen (unknowns, errors): changes since the last frame;
-    inputs: the readings; causes: derivatives by the unknowns; bent: the rod; position: of its load
-    relative to the domain of the model. swinging: the swing about this rod, None if the model has
-    no `motion`.
+    inputs: the readings; causes: derivatives by the unknowns; bent: the rod; position: that of the
+    load relative to the domain of the model. swinging: the swing about this rod, None if the model
+    has no `motion`.
     """
 
     belief: Belief
@@ -72,8 +72,8 @@ class BelievedArm:
 def unknown_swing(state: FusionState, belief: Belief, mode: Mode) -> str:
     """Return a sentence if the swing of the arm is unknown, or else ''.
 
-    A swing contradicted by the newest frame is not followed further; at rest a single wrong frame
-    does no harm.
+    A swing that the newest frame contradicts is not propagated; for an arm at rest, a single wrong
+    frame does no harm.
     """
     if belief.reference is None:
         return ''
@@ -94,7 +94,7 @@ def estimate_at(
 ) -> tuple[FusionState, FusedEstimate | Refusal]:
     """Estimate shape and force at a pressure, from the belief propagated to its stamp.
 
-    read: the wrench nearest to it, used unless the sensor is faulty; notes: further notes.
+    read: the wrench nearest to that stamp, used unless the sensor is faulty; notes: further notes.
     """
     stamp_ns = instant.stamp_ns
     used = None if FORCE_SENSOR in state.causes else read
@@ -159,7 +159,7 @@ def arm_at(
 ) -> BelievedArm:
     """Return the arm at a reading, according to the belief.
 
-    start: starting point of the rod, None: the rod at the last frame.
+    start: initial shape of the rod; None: that at the last frame.
     """
     stamp_ns = instant.stamp_ns
     belief = state.belief or first_belief(model.unknowns, stamp_ns, state.lasting)
@@ -229,7 +229,7 @@ def likely_alternatives(
     instant: PressureInstant,
     mode: Mode,
 ) -> list[tuple[float, Shape]]:
-    """Return the alternative shapes, with their odds against the best one."""
+    """Return the alternative shapes, with their odds against the best shape."""
     if mode is Mode.PREDICTION:
         return []
     found = []
@@ -280,7 +280,7 @@ def contact_at(
 
 
 def is_there(model: PreparedModel, place: float, other: Hypothesis[Belief]) -> bool:
-    """Whether a hypothesis, if it is likely, also has a contact at a place (m)."""
+    """Whether a hypothesis, if it is likely, also has a contact near a place (m)."""
     belief = other.belief
     distance = abs(float(belief.mean[model.unknowns.at(Push).stop - 1]) - place)
     at_place = distance <= model.settings.contact_apart * model.arm.length
@@ -372,7 +372,7 @@ def other_shape(model: PreparedModel, other: Belief, instant: PressureInstant) -
 
 
 def shape_in_place(model: PreparedModel, shape: Shape, belief: Belief) -> Shape:
-    """Return the shape if a camera that seems to have moved is still where it was."""
+    """Return the shape that follows if the camera, which seems to have moved, has not moved."""
     x, y, turn = belief.mean[model.unknowns.at(Camera)][Camera.PLACE.start :].tolist()
     there = np.array([x, y])
     x, y = np.stack(rotate(turn, shape.x, shape.y)) + there[:, None]
@@ -382,7 +382,7 @@ def shape_in_place(model: PreparedModel, shape: Shape, belief: Belief) -> Shape:
 def holding(estimate: ShapeEstimate, other: Shape, odds: float) -> ShapeEstimate:
     """Return an estimate whose errors include another possible shape, weighted by its odds.
 
-    It is the second moment of a mixture about the published shape.
+    The covariance is the second moment of the mixture about the published shape.
     """
     shape, root = estimate.shape, math.sqrt(odds)
     tip = root * (np.array(other.tip) - np.array(shape.tip))
@@ -444,10 +444,11 @@ def known_force(
     *,
     unknown: bool,
 ) -> tuple[Array, Array]:
-    """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined, or all unknown.
+    """Return force (2,) N and covariance (2, 2) N^2, NaN where the force is not determined.
 
-    The covariance includes the other hypotheses. fault: of a force sensor that is not used. The
-    sensor may be right and the model wrong: while it has readings, the covariance includes both.
+    The covariance includes the other hypotheses. fault: that of a force sensor that is not used.
+    Because the sensor may be right and the model wrong, the covariance includes both while there
+    are readings.
     """
     tip = model.unknowns.at(TipForce)
     force = arm.belief.mean[tip]

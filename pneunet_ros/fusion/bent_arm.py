@@ -27,7 +27,7 @@ FOLLOWING = replace(SOLVER, coarser=80.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BentArm:
-    """The rod for given unknowns, at places along it; rods: without its contact."""
+    """The rod for given unknowns, at places along it; rods: the model without the contact."""
 
     rods: Rods
     changes: Perturbation
@@ -63,7 +63,8 @@ def bend_arm(
 ) -> BentArm:
     """Solve the rod under the readings, with changes (causes,) by the unknowns.
 
-    quick: give up early if no solution is near. contact: it acts along the normal of the arm.
+    quick: whether to give up early if no solution is near. contact: a force along the normal of
+    the arm.
     """
     force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
     pressure = inputs.chamber + error
@@ -86,8 +87,8 @@ def bend_arm(
 def causes_with_contact(unknowns: Unknowns, causes: Array, contact: PartLoad | None) -> Array:
     """Return the derivatives of all causes by the unknowns, including those of a contact, if any.
 
-    causes (causes, unknowns): derivatives without a contact. Force and position of the contact
-    follow.
+    causes (causes, unknowns): derivatives without a contact. Those of the force and position of
+    the contact come last.
     """
     if contact is None:
         return causes

@@ -1,7 +1,7 @@
 """Possible causes of error, one class each.
 
-A cause competes with all others by its evidence (`fusion.weighing`): its prior odds, a belief that
-allows for it, and the evidence of frames for that belief.
+A cause competes with all others by its evidence (`fusion.weighing`): its prior odds, and the
+evidence of frames for a belief that includes it.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Cause(abc.ABC):
 
     @abc.abstractmethod
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Whether this cause may explain a frame that no hypothesis, or only a contact, fits."""
+        """Whether this cause may explain a frame that fits no hypothesis without a contact."""
 
     @abc.abstractmethod
     def alternatives(
@@ -95,13 +95,13 @@ def update_from(
 
 
 def with_posterior(updated: HypothesisUpdate, after: Belief) -> HypothesisUpdate:
-    """Return the frame with the belief that another prior, used from the start, would give."""
+    """Return the frame with the belief that another initial prior would have given."""
     return replace(updated, update=replace(updated.update, belief=after))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactCause(Cause):
-    """An object touches the arm. A hypothesis with a contact also tests for its end."""
+    """An object touches the arm. A hypothesis with a contact also tests whether it has ended."""
 
     name: ClassVar = CONTACT
     sentence: ClassVar = ''
@@ -113,7 +113,7 @@ class ContactCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Search for a contact along the arm, starting without any current one."""
+        """Search for a contact along the arm, starting without the current one."""
         fit, frame, before = updated.update.fit, updated.frame, updated.before
         if fit is None:
             return
@@ -162,14 +162,14 @@ class CameraCause(Cause):
     )
 
     def priors(self, model: PreparedModel) -> tuple[slice, Array, Array, Array]:
-        """Return its unknowns, one sigma if it stays and if it moved, and the mean."""
+        """Return its unknowns, one sigma if the camera stayed and if it moved, and the mean."""
         unknowns = model.unknowns
         where = slice(unknowns.at(Camera, Camera.PLACE).start, unknowns.at(Camera).stop)
         center = unknowns.block(Camera).prior.mean[Camera.PLACE.start :]
         return where, unknowns.std[where], unknowns.block(Camera).moved_std, center
 
     def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
-        """Weigh a rotation too small to cause a misfit, because a tip force looks similar."""
+        """Weigh a rotation that causes no misfit, because a tip force looks similar."""
         if not model.camera_is_observable or not model.knows_force(belief):
             return -math.inf  # an undetermined force leaves the turn undetermined too
         where, before, after, _ = self.priors(model)
@@ -178,7 +178,7 @@ class CameraCause(Cause):
         return log_odds_beyond(belief, turn, before[-1:], innocent, after[-1:])
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the model error is known, because it looks similar."""
+        """Return whether the model error is known; otherwise it may look like a moved camera."""
         return model.camera_is_observable
 
     def alternatives(
@@ -199,7 +199,7 @@ class TargetsCause(Cause):
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the calibration knows the targets."""
+        """Return whether the calibrated model knows the positions of the targets."""
         return model.unknowns.block(Placement).known is not None
 
     def alternatives(
@@ -232,7 +232,7 @@ class TiltCause(Cause):
         return log_odds_beyond(belief, where, tilt.std, 2.0 * tilt.std, tilt.tilted_std)
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the model error is known, because it looks similar."""
+        """Return whether the model error is known; otherwise it may look like a tilted base."""
         return model.camera_is_observable
 
     def alternatives(
@@ -246,9 +246,9 @@ class TiltCause(Cause):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSensorCause(Cause):
-    """The force sensor is faulty: not tared, another gain, a swapped axis, a dead cable.
+    """The force sensor is faulty: wrong zero, wrong gain, a swapped axis, a dead cable.
 
-    Because there are many kinds of faults, the sensor is not used.
+    Because there are many kinds of faults, the readings are not used.
     """
 
     name: ClassVar = FORCE_SENSOR
@@ -259,7 +259,7 @@ class ForceSensorCause(Cause):
     )
 
     def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
-        """Weigh a sensor error that is small in each frame."""
+        """Weigh a sensor error that is small in every single frame."""
         sensor, where = model.unknowns.block(ForceSensor), model.unknowns.at(ForceSensor)
         if FORCE_SENSOR in belief.causes:
             return -math.inf
@@ -297,7 +297,7 @@ class PressureCause(Cause):
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return False between readings too far apart to interpolate the pressure."""
+        """Return False if readings are too far apart to interpolate the pressure."""
         frame = updated.frame
         missed = frame.instant.missed > model.arm.sensors.pressure_std
         return model.camera_is_observable and not frame.alone and not missed
@@ -305,9 +305,9 @@ class PressureCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try ignoring the pressure from now on, or restarting without it after wrong readings.
+        """Try ignoring the pressure from now on, or from the start if earlier readings were wrong.
 
-        They compete with a belief that is reset but keeps the sensor, because the belief itself
+        These compete with a belief that is reset but keeps the sensor, because the belief itself
         may be wrong.
         """
         frame, before = updated.frame, updated.before
@@ -431,7 +431,7 @@ def recent_or_initial(
 def log_odds_beyond(
     belief: Belief, where: slice, before: Array, innocent: Array, after: Array
 ) -> float:
-    """Return the log odds of a wide prior from all frames so far, if an error is not harmless.
+    """Return the log odds of a wide prior from all frames so far, if the error is not harmless.
 
     before, after: one sigma (k,) of the original prior of the belief, and of the wide one;
     innocent (k,): harmless errors. -inf if all errors are smaller, or if the frames cannot resolve

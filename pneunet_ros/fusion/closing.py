@@ -34,9 +34,9 @@ class GripCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reach:
-    """Inward position (n,) m of the surface of an unloaded arm at pressures (n,) Pa.
+    """Inward positions (n,) m of the surface of an unloaded arm at pressures (n,) Pa.
 
-    It is measured from the origin of the gripper, along the direction to the object.
+    They are measured from the origin of the gripper, in the direction of the object.
     """
 
     pressure: Array
@@ -48,7 +48,7 @@ class Reach:
 
 
 def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
-    """Return the reach of an arm over its calibrated pressures; inward (3,): unit vector."""
+    """Return the reach of an arm over its calibrated pressures; inward: unit vector (3,)."""
     side = mount.axes[:, :2].T @ inward
     pressures = np.linspace(*arm.pressure_range, SCANNED)
     reached, start = [], None
@@ -73,8 +73,8 @@ def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
 class Closing:
     """Controls the pressures of the arms of a gripper.
 
-    reaches: of the arms, by name. rate: fastest change, Pa/s; gain: 1/s, the share of the
-    remaining error that is corrected per second.
+    reaches: the reach of each arm, by name. rate: fastest change, Pa/s; gain: 1/s, the share of
+    the remaining error that is corrected per second.
     """
 
     gripper: Gripper
@@ -113,9 +113,9 @@ class Closing:
     ) -> float:
         """Return the pressure (Pa) still needed to reach a place (m, inward), limited by a force.
 
-        It is from the model or from the local sensitivity of the tip, whichever is larger, because
-        an obstacle keeps an arm from its modeled position. It is limited to the pressure that an
-        arm with a fixed tip needs for the remaining force.
+        The pressure follows from the model or from the local sensitivity of the tip, whichever
+        gives more, because an obstacle keeps an arm from its modeled position. It is limited to
+        the pressure that an arm with a fixed tip needs for the remaining force.
         """
         mount, inward = self.gripper.mounts[name], self.gripper.inward(name)
         side, jacobian = mount.axes[:, :2].T @ inward, seen.fused.estimate.jacobian
@@ -135,10 +135,10 @@ class Closing:
         command: GripCommand,
         width: float,
     ) -> bool:
-        """Whether no arm can do more for a command.
+        """Whether no arm can do more to fulfil a command.
 
-        Then each touching arm presses with the largest allowed force, or all are at a limit of
-        their pressures. pressures (Pa): the last command; width (m): as measured.
+        Then each touching arm presses with the largest allowed force, or all arms are at a limit
+        of their pressures. pressures (Pa): the last command; width (m): the measured one.
         """
         closing = width > command.width
         end = -1 if closing else 0

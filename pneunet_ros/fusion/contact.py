@@ -1,8 +1,8 @@
 """Detection and localization of a contact along the arm.
 
 A contact is a force along the normal of the arm at some place. A score test in every frame shows
-whether there may be one: the gain by a push on each panel of the rod, with all other unknowns
-adapting. Only then is it searched for, from the best places, as another frame problem with two
+whether there may be one: the gain of a push on each panel of the rod, with all other unknowns
+adapted. Only if so, the contact is searched for from the best places, as a frame problem with two
 more unknowns.
 
 Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
@@ -35,8 +35,8 @@ class Contact:
 
     x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
     along its normal (-sin theta, cos theta); log_odds: of a contact against none; correlation: of
-    its force with the tip force; ambiguous: the two cannot be distinguished, and no sensor
-    measures the tip force.
+    its force with the tip force; ambiguous: whether the two cannot be distinguished because no
+    sensor measures the tip force.
     """
 
     x: float
@@ -51,14 +51,14 @@ class Contact:
 
 
 def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Switch the contact off: nothing touches the arm."""
+    """Reset the contact to none: nothing touches the arm."""
     mean, root, where = belief.mean.copy(), belief.root.copy(), unknowns.at(Push)
     mean[where], root[where] = 0.0, 0.0
     return replace(belief, mean=freeze(mean), root=freeze(root), causes=belief.causes - {CONTACT})
 
 
 def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Switch a contact on, with any force, anywhere on the arm."""
+    """Allow a contact with any force, anywhere on the arm."""
     mean, where = belief.mean.copy(), unknowns.at(Push)
     mean[where], std = unknowns.block(Push).touching_prior
     more = np.zeros((mean.size, 2))
@@ -77,7 +77,7 @@ def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
 
 
 def differs_from_zero(fit: Fit, limit: float) -> bool:
-    """Whether the contact force of a fit differs from zero by more than a chi squared."""
+    """Whether the contact force of a fit differs significantly from zero (chi squared)."""
     belief, which = fit[0].posterior(fit[1]), fit[0].unknowns.at(Push).start
     force, std = belief.mean[which], belief.std(which)
     return bool(force**2 > limit * std**2)
@@ -87,10 +87,10 @@ def differs_from_zero(fit: Fit, limit: float) -> bool:
 class PushScores:
     """The gain of a push on each panel of the rod, linearized around a fit without one.
 
-    place (panels,) m; force (panels,) N, the most likely one there; gain (panels,) chi squared;
+    place (panels,) m; force (panels,) N, the most likely one at each; gain (panels,) chi squared;
     pushes, weighed (coordinates, panels): whitened displacement by a push, and the inverse
     covariance times that; information (panels,): of the force; freedom (N, m): one sigma of the
-    prior of the force, and the length of the arm.
+    prior force, and the length of the arm.
     """
 
     place: Array
@@ -102,7 +102,7 @@ class PushScores:
     freedom: tuple[float, float]
 
     def evidence(self) -> Array:
-        """Return the gain (panels,) minus the cost of unknown force and place (Occam factor).
+        """Return the gain (panels,) minus the Occam factor of an unknown force and place.
 
         It uses the Laplace approximation.
         """

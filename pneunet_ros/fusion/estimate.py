@@ -1,4 +1,4 @@
-"""The estimate of shape, tip force and pressure bias, and which of these are determined."""
+"""The estimate of shape, tip force and pressure bias, and which of them the data determine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Mode(IntEnum):
 
     @property
     def sentence(self) -> str:
-        """Describe it for users."""
+        """Describe the mode for users."""
         return MODE_SENTENCES[self]
 
 
@@ -45,7 +45,7 @@ class ForceSensorFault:
 
     @property
     def words(self) -> str:
-        """Return the numbers as text."""
+        """Return the reading and the estimate as text."""
         read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
         said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
@@ -53,7 +53,7 @@ class ForceSensorFault:
 
     @property
     def numbers(self) -> dict[str, list[float | None]]:
-        """Return the numbers for programs, in N."""
+        """Return the reading and the estimate for programs, in N."""
         return {
             name: [value if math.isfinite(value) else None for value in values.tolist()]
             for name, values in (
@@ -68,13 +68,14 @@ class ForceSensorFault:
 class FusedEstimate:
     """Shape, tip force and pressure bias from all available sensors; SI, base frame.
 
-    estimate: the shape with its uncertainty, also of the tip. force (2,) N at the tip and its
-    force_covariance (2, 2) N^2, NaN for components that are not determined, and for all if it is
-    ambiguous. contact: along the arm, None if none is likely. pressure_bias (Pa) and its std: the
-    model error, expressed as a pressure error, such as creep, hysteresis or sensor drift.
+    estimate: the shape with its uncertainty, also of the tip. force (2,) N at the tip and
+    force_covariance (2, 2) N^2, NaN for components that are not determined, and for both if the
+    force is ambiguous. contact: along the arm, None if none is likely. pressure_bias (Pa) and its
+    std: the model error, expressed as a pressure error, such as creep, hysteresis or sensor drift.
     force_sensor: a sensor fault, None if none is known. nis: running mean of the normalized
-    innovation squared of frames per coordinate, 1 for pure noise; nis_limit: rarely exceeded by
-    noise; NaN before the first. target_age: s since the last used frame, None before the first.
+    innovation squared of frames per coordinate, 1 for pure noise; nis_limit: limit that noise
+    rarely exceeds; both are NaN before the first frame. target_age: s since the last used frame,
+    None before the first.
     """
 
     estimate: ShapeEstimate

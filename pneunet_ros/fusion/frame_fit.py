@@ -113,7 +113,7 @@ class FrameLinearization:
         return self.trial.cost
 
     def size_information(self, growth: ErrorGrowth) -> tuple[Array, Array]:
-        """Return H^T S^-1 v (errors,) and H^T S^-1 H for the changes of errors of unknown size."""
+        """Return H^T S^-1 v (errors,) and H^T S^-1 H for errors of unknown size."""
         displacement = self.by_model_error * growth.grown
         return displacement.T @ self.weighed, displacement.T @ self.solve(displacement)
 
@@ -257,14 +257,14 @@ class FrameProblem:
         return self.prior.root
 
     def start_at(self, force: Array) -> Array:
-        """Return the most likely xi for a force (2,) N."""
+        """Return the most likely xi given a force (2,) N."""
         tip = self.unknowns.at(TipForce)
         root = self.root[tip]
         gain = np.linalg.lstsq(root @ root.T, force - self.mean[tip], rcond=None)[0]
         return np.asarray(root.T @ gain)
 
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
-        """Predict the targets; None if there is no stable shape."""
+        """Predict the targets at xi; None if there is no stable shape."""
         pause()
         x = self.mean + self.still_root @ xi
         contact = self.contact_of(x) if self.touched else None
@@ -365,7 +365,7 @@ class FrameProblem:
         return np.asarray(displacement * painted.to_arm)
 
     def stretch(self, trial: Trial) -> Array:
-        """Return derivatives of targets by their placement, (coordinates,): along and across."""
+        """Return the derivatives of targets by their placement, (coordinates,): along, across."""
         along = (trial.painted.by_along * trial.painted.to_arm).real
         stretch = np.ones(self.std.size)
         stretch[::2] = along if self.counting is None else along[self.counting]
@@ -458,7 +458,7 @@ class FrameProblem:
         return self.linearize(trial) or fit
 
     def at_targets(self, fit: FrameLinearization) -> Array:
-        """Return the chi squared of each used target against all others, (counting,).
+        """Return the chi squared of each used target given all others, (used targets,).
 
         It uses the residual after the fit, with its covariance.
         """
@@ -522,8 +522,8 @@ class FrameProblem:
         """Return a posterior using a share of the information on a direction of the tip force.
 
         All other unknowns are updated with the prior uncertainty of that force (Schmidt's filter).
-        axis (2, 1); reliability: the share. Source: Brink, J. Guidance, Control, and Dynamics 40
-        (2017).
+        axis (2, 1): that direction; reliability: the share. Source: Brink, J. Guidance, Control,
+        and Dynamics 40 (2017).
         """
         tip = self.unknowns.at(TipForce)
         before, after = axis.T @ self.root[tip], axis.T @ root[tip]
@@ -546,7 +546,7 @@ class FrameProblem:
         return displacement.T @ fit.weighed, displacement.T @ fit.solve(displacement), size
 
     def reference_after(self, fit: FrameLinearization) -> Reference | None:
-        """Return the reference of a swing, with the equilibrium estimated from the frame."""
+        """Return the reference of a swing, with the equilibrium estimated from this frame."""
         trial, reference = fit.trial, self.prior.reference
         if reference is None or trial.swing_deviation is None or fit.turning is None:
             return None

@@ -1,8 +1,8 @@
 """Update of the belief by one frame: gates, cold starts, and the search for a second solution.
 
-A target that does not fit the others (a swapped dot) is left out, a frame that does not fit at all
-is not used, and from time to time the search restarts from forces over the whole scale: if the tip
-is hidden, another equilibrium may look the same.
+A target that does not fit the others (a swapped dot) is left out, and a frame that does not fit at
+all is not used. From time to time the search restarts from forces of all sizes, because with a
+hidden tip another equilibrium may look the same.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ EXACT = 1e-6  # of the force scale: std of a force that is known
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColdRound:
-    """A round of cold starts, a few per frame, of which the best are then followed, one per frame.
+    """A round of cold starts, a few per frame; the best are then followed, one per frame.
 
     frame: number within the round; best: cost and force (N) of the best fits so far.
     """
@@ -40,8 +40,9 @@ class ColdRound:
 class ColdSearch:
     """State of the search for another tip force that fits the frames, round by round.
 
-    ambiguous: another force fits as well; found_better: another force fitted the last frame
-    better, so the next frame gets a full search; clear: consecutive frames without such a force.
+    ambiguous: whether another force fits equally well; found_better: whether another force fitted
+    the last frame better, so that the next frame gets a full search; clear: consecutive frames
+    without such a force.
     """
 
     ambiguous: bool = False
@@ -69,10 +70,10 @@ class FrameUpdate:
 
     belief: after the frame, None if it was not used, with `reason` as the key. nis: the lowest
     cost, coordinates: their number; NaN and 0 without a fit; left_out: targets that did not fit.
-    ambiguous: another force explains the frame as well; settled: this is already known, because
-    the search used every cold start, or a sensor measures the force. unchecked: the fit whose
-    alternatives have not been searched yet, None if there is none. fit: the fit itself, even if
-    the frame was not used.
+    ambiguous: whether another force explains the frame equally well; settled: whether this is
+    already known, because the search used every cold start, or a sensor measures the force.
+    unchecked: the fit whose alternatives have not been searched yet, None if there is none. fit:
+    the fit itself, even if the frame was not used.
     """
 
     belief: Belief | None
@@ -98,9 +99,9 @@ def take_frame(
     """Fit a frame, and update the belief.
 
     The search covers all forces if cold (the force is unknown), if found_better (another force
-    fitted the last frame better), or if no shape near the last one fits the frame. force_read: a
-    sensor measures the force; no other force is tried unless the measured one does not fit.
-    widely: False to search only near the last shape. believed: False to fit only, without
+    fitted the last frame better), or if no shape near the last one fits the frame. force_read:
+    whether a sensor measures the force; then other forces are tried only if the measured one does
+    not fit. widely: False to search only near the last shape. believed: False to fit without
     updating the belief (see `with_belief`).
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
@@ -121,7 +122,7 @@ def take_frame(
 
 
 def follow(problem: FrameProblem) -> Fit | None:
-    """Return the fit near the last shape, without targets that do not fit the others."""
+    """Return the fit near the last shape, without the targets that do not fit the others."""
     found = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
     return None if found is None else leave_out(problem, found)
 
@@ -141,7 +142,7 @@ def left_out_cost(fit: Fit, seen: int) -> float:
 
 
 def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit | None, bool]:
-    """Return the best of all solutions, and whether another one explains the frame as well.
+    """Return the best of all solutions, and whether another one explains the frame equally well.
 
     tracked: the solution tracked from the previous belief, if there is one.
     """
@@ -169,7 +170,7 @@ def with_belief(problem: FrameProblem, found: FrameUpdate) -> FrameUpdate:
 
 
 def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
-    """Return an update: the best fit decides on consistency, the used one gives the belief.
+    """Return an update: the best fit decides on consistency, the one in use gives the belief.
 
     seen: number of targets seen.
     """
@@ -201,7 +202,7 @@ def excess(fit: Fit) -> float:
 def misfits(fit: Fit) -> bool:
     """Whether a frame deviates from a fit by more than noise, even beyond the reach of the search.
 
-    The search for the force along a straight arm ends at buckling.
+    Along a straight arm, the search for the force ends at buckling.
     """
     found = fit[1]
     coordinates = found.trial.residual.size
@@ -263,7 +264,7 @@ def consider_force(found: Fit) -> Fit:
     """Return the fit that uses only the observable part of the force along a swinging arm.
 
     The undetermined part of that force is linearized at its prior, because the best fit to noise
-    is near buckling. This is not done if the frame contradicts that force.
+    is near buckling, unless the frame contradicts the prior.
     """
     problem, fit = found
     bending = known_bending(problem)
@@ -289,8 +290,9 @@ def known_bending(problem: FrameProblem) -> tuple[Array, float] | None:
 
     The rotation of links per newton along it is a derivative at the believed arm, which is not
     known exactly: the reliability is the share of its square that exceeds its error. For a
-    straight arm it is zero; filters that treat the error as a derivative would observe the
-    unobservable. None if the force is known exactly, or the swing of the arm is unknown.
+    straight arm the reliability is zero: a filter that takes the error for a derivative would seem
+    to observe the unobservable direction. None if the force is known exactly, or the swing of the
+    arm is unknown.
 
     Source: Huang, Mourikis & Roumeliotis, Int. J. Robotics Research 29 (2010).
     """
@@ -325,13 +327,13 @@ def turning_at(problem: FrameProblem, xi: Array) -> Array | None:
 
 
 def apart_by(first: Trial, second: Trial) -> float:
-    """Return the largest distance (m) between the targets of two trials, even hidden ones."""
+    """Return the largest distance (m) between targets of two trials, even hidden ones."""
     one, other = first.bent.shape, second.bent.shape
     return float(np.hypot(one.x - other.x, one.y - other.y).max())
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:
-    """Return trials at forces over the whole scale, or at some of them, best first."""
+    """Return trials at forces of all sizes, or at some of them, best first."""
     scale = problem.unknowns.block(TipForce).scale
     angles = 2.0 * np.pi * np.arange(START_DIRECTIONS) / START_DIRECTIONS
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -343,7 +345,7 @@ def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial
 
 
 def compared(problem: FrameProblem, trials: list[Trial]) -> list[Trial]:
-    """Return the trials re-evaluated with the targets used by a problem, best first."""
+    """Return the trials, re-evaluated with the targets that a problem uses, best first."""
     known = [problem.trial_of(trial.xi, trial.bent) for trial in trials]
     return sorted((one for one in known if one is not None), key=lambda trial: trial.cost)
 
@@ -363,7 +365,8 @@ def laplace_cost(fit: Fit) -> float:
 def search_other_force(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
     """Return the advantage of the best other solution over a fit, and the round.
 
-    -inf if none is found. It processes one frame's share of a round of cold starts.
+    The advantage is -inf if none is found. A call does one frame's share of a round of cold
+    starts.
     """
     round_, starts = next_of_round(fit[0], round_)
     rival = best_rival(fit, solutions(fit[0], starts))
@@ -371,7 +374,7 @@ def search_other_force(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
 
 
 def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, list[Trial]]:
-    """Return the round after this frame, and its cold starts to follow now: none or one."""
+    """Return the round after this frame, and the cold starts to follow now: none or one."""
     settings = problem.settings
     if round_.frame < settings.restart_frames:
         tried = cold_starts(problem, slice(round_.frame, None, settings.restart_frames))

@@ -1,8 +1,8 @@
 """Fusion of readings and targets into one estimate of shape and tip force, as a pure step.
 
 `Fusion.step(state, event) -> state, outcome` uses no clock, topic or file, like `Estimator.step`.
-The belief refers to the stamps of frames, which arrive late; every pressure reading gives a
-`FusedEstimate`, the belief propagated to its stamp with the pressures read since.
+The belief refers to the stamp of the last frame, because frames arrive late; every pressure
+reading gives a `FusedEstimate`, the belief propagated to its stamp with the pressures read since.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Fusion:
     """Fusion of pressure, end wrench and targets into one estimate of a calibrated arm.
 
     arm: with the noise of its sensors and the covariance of its model; sensors: meaning and
-    timeouts of the readings (a fresh wrench is used regardless of `wrench_required`); settings: of
+    timeouts of the readings (a fresh wrench is used regardless of `wrench_required`); settings of
     the filter; unknowns: the errors to estimate, None for `unknowns_of` the arm. Raises ModelError
     if the arm has no targets.
     """
@@ -139,8 +139,8 @@ class Fusion:
     def settle(self, state: FusionState) -> FusionState:
         """Compare the hypotheses for the last frame, after its estimate was published.
 
-        A node calls this after publishing an estimate; otherwise the next step does it, with the
-        same results.
+        A node calls this after publishing an estimate. If it is not called, the next step does the
+        same work first.
         """
         pending = state.pending
         return self.weigh_pending(state) if pending and pending.answered else state
@@ -168,7 +168,7 @@ class Fusion:
     def take_pressure(
         self, state: FusionState, reading: PressureReading, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
-        """Process the frames waiting for a pressure reading, and estimate at its stamp."""
+        """Process the frames that wait for a pressure reading, and estimate at its stamp."""
         if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
         readings = state.readings.watch_pressure(reading, self.arm, self.sensors)
@@ -239,7 +239,7 @@ class Fusion:
         ]
 
     def instant_at(self, state: FusionState, reading: PressureReading) -> PressureInstant:
-        """Return the chamber state implied by a pressure reading."""
+        """Return the state of the chamber that follows from a pressure reading."""
         before = state.readings
         elapsed = 0.0
         if before.history_ns is not None:
@@ -303,7 +303,7 @@ class Fusion:
     def see_alone(
         self, state: FusionState, sightings: TargetSightings
     ) -> tuple[FusionState, FusionOutcome]:
-        """Process a frame without a pressure reading, and estimate at its stamp."""
+        """Process a frame without a pressure reading, and estimate at the stamp of the frame."""
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
             state = self.use_frame(state, earlier)
@@ -314,7 +314,7 @@ class Fusion:
         return self.publish(state, instant, Mode.CAMERA_ONLY, [])
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
-        """Whether a pressure reading is too old at a stamp."""
+        """Whether the last pressure reading is too old at a stamp."""
         return seconds_between(last_ns, stamp_ns) > self.sensors.input_timeout
 
     def pressure_at(self, state: FusionState, stamp_ns: int) -> PressureInstant:
@@ -352,8 +352,8 @@ class Fusion:
     ) -> NearWrench | None:
         """Return the wrench nearest to a stamp; None if none is near.
 
-        If there are targets, which suffice, it is also None until the noise of the readings is
-        known.
+        If there are targets, they suffice, so the result is also None until the noise of the
+        readings is known.
         """
         if self.settings.free_tip:
             zero = WrenchReading(
@@ -391,8 +391,8 @@ class Fusion:
     def estimate_force_noise(self, state: FusionState) -> float:
         """Return the noise (N) of the last force readings; 0 if the noise of the model is used.
 
-        An estimate above that of the model stays in use until it is clearly smaller. Between rare
-        readings, the load itself changes.
+        An estimate above that of the model stays in use until it is clearly smaller. Noise is not
+        estimated from rare readings, because the load itself changes between them.
         """
         if not self.reads_force_often(state):
             return 0.0
@@ -404,7 +404,7 @@ class Fusion:
     def with_force_noise(self, before: Belief, state: FusionState) -> tuple[Belief, FusionState]:
         """Return the predicted belief and the state with the estimated force noise.
 
-        It discards estimates from frames made while the assumed noise was much smaller.
+        Estimates from frames that assumed a much smaller noise are discarded.
         """
         noise, force = self.estimate_force_noise(state), state.force
         known = max(force.largest_noise, self.arm.sensors.force_std)
@@ -474,9 +474,9 @@ class Fusion:
     def condition_on_pressure(self, state: FusionState, belief: Belief) -> Belief:
         """Condition the belief of a frame on its pressure, interpolated between both readings.
 
-        Its bias contains the change of the pressure since the last reading before. An undetermined
-        force is kept: along a straight arm it would move to buckling. After an unusually long gap
-        between readings, the pressure in between is unknown.
+        The bias of the belief contains the change of the pressure since the last reading before
+        the frame. An undetermined force is kept, because along a straight arm it would move to
+        buckling. After an unusually long gap between readings, the pressure in between is unknown.
         """
         known = state.pressures
         after = bisect_left(known, belief.stamp_ns, key=stamp_of)
@@ -533,7 +533,7 @@ class Fusion:
         return self.after_frame(self.with_learned(state, bank, updated), updated)
 
     def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
-        """Return a frame with the sensor readings at the time when it was taken."""
+        """Return a frame with the sensor readings at the time it was taken."""
         shown_ns = self.model.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
         turn = not state.counts.frames % self.settings.still_frames
@@ -579,7 +579,7 @@ class Fusion:
         updated: HypothesisUpdate,
         pending: HypothesisUpdate | None = None,
     ) -> FusionState:
-        """Count a used frame; pending: it has still to be weighed."""
+        """Count a used frame; pending: its hypotheses still have to be compared."""
         frame, update = updated.frame, updated.update
         wrench_ns = None if frame.wrench is None else frame.wrench.reading.stamp_ns
         return replace(
@@ -590,7 +590,7 @@ class Fusion:
         )
 
     def learned(self, updated: HypothesisUpdate) -> Belief:
-        """Return the belief after a frame, with the random walk of the force and odd targets."""
+        """Return the belief after a frame, with the estimated force walk and moved targets."""
         update, unknowns = updated.update, self.model.unknowns
         if self.model.of(updated.after.causes).swinging is None:
             belief = with_walk(unknowns, updated.before, updated.after)
@@ -605,7 +605,7 @@ class Fusion:
     def with_learned(
         self, state: FusionState, bank: tuple[Hypothesis[Belief], ...], best: HypothesisUpdate
     ) -> FusionState:
-        """Return the state with hypotheses updated by a frame, the best one first."""
+        """Return the state with the hypotheses updated by a frame, the best one first."""
         first = replace(bank[0], belief=self.learned(best))
         return state.with_bank((first, *bank[1:]))
 

@@ -99,9 +99,9 @@ class Touch:
 class SeenArm:
     """An arm at its last frame.
 
-    fused: its estimate at that frame, where a force is much better known than a moment later, when
-    the load may have changed. least (N), score (chi squared): thresholds for a contact force,
-    above model error and noise.
+    fused: its estimate at that frame, when a force is known much better than a moment later, after
+    which the load may have changed. least (N), score (chi squared): thresholds for a contact
+    force, above model error and noise.
     """
 
     fused: FusedEstimate
@@ -133,9 +133,9 @@ def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
 
 
 def touch_of(seen: SeenArm, mount: Mount, inward: Array) -> Touch:
-    """Return the touch of an arm: at its contact, or at its innermost point.
+    """Return the contact surface of an arm: at its contact, or at its innermost point.
 
-    inward (3,): unit vector to the object, across the direction of the gripper.
+    inward (3,): unit vector to the object, perpendicular to the direction of the gripper.
     """
     fused, contact = seen.fused, seen.fused.contact
     if contact is not None and not contact.ambiguous:
@@ -193,10 +193,10 @@ def normal_at(fused: FusedEstimate, arclength: float) -> Array:
 class Grasp:
     """A grasp, in the frame of the gripper; SI.
 
-    touching: number of arms that touch something; with two or more, width is that of the object,
-    otherwise that of the opening between the tips (m), negative if they overlap. center (3,) m.
-    force: sum of the magnitudes (N) of the forces of all arms; balance (3,) N: their vector sum on
-    the object; each with its std.
+    touching: number of arms that touch something. width (m): with two or more, the width of the
+    object, else the opening between the tips, negative if they overlap. center (3,) m. force: sum
+    of the magnitudes (N) of the forces of all arms; balance (3,) N: their vector sum on the
+    object; each with its std.
     """
 
     stamp_ns: int
@@ -244,14 +244,14 @@ class Gripper:
         return np.asarray(mean / np.linalg.norm(mean))
 
     def inward(self, name: str) -> Array:
-        """Return the unit vector (3,) to the side to which an arm bends, across the direction."""
+        """Return the unit vector (3,) to the side to which an arm bends, across `direction`."""
         side, direction = self.mounts[name].axes[:, 1], self.direction
         across = side - (side @ direction) * direction
         return np.asarray(across / np.linalg.norm(across))
 
     @property
     def axis(self) -> Array:
-        """The point (3,) m, across the direction, at which the planes of the arms meet."""
+        """The point (3,) m, perpendicular to `direction`, where the planes of the arms meet."""
         nothing = np.zeros((2, 2))
         clamps = {
             name: Touch(

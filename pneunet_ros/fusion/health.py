@@ -13,11 +13,11 @@ from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState, RunningNis
 
-AMBIGUOUS = 'two different loads explain the targets: no force is published'
+AMBIGUOUS = 'no force is published, because two different loads explain the targets'
 
 
 class FusionHealth(InputHealth):
-    """Collects what happens to readings and frames.
+    """Collects the outcomes of readings and frames.
 
     The level of a report is the worst since the last one: ERROR while there are no estimates, WARN
     if readings were dropped or estimates are limited.
@@ -126,7 +126,7 @@ class FusionHealth(InputHealth):
 
 
 def warnings_of(outcome: FusedEstimate) -> list[str]:
-    """Return sentences on what limits an estimate."""
+    """Return sentences that say how an estimate is limited."""
     limited = (
         []
         if outcome.mode is Mode.FUSED
@@ -138,7 +138,7 @@ def warnings_of(outcome: FusedEstimate) -> list[str]:
 
 
 def determined_words(outcome: FusedEstimate) -> str:
-    """Return which components of the tip force are known."""
+    """Say which components of the tip force are determined."""
     known = [
         name
         for name, value in zip(('F1', 'F2'), outcome.force.tolist(), strict=True)

@@ -94,8 +94,9 @@ def update_with_likeliest_walk(
 
     On a swinging arm an unmeasured load may change faster or slower than it did recently. If the
     recent random walk does not fit the frame, or the frame alone indicates another, the most
-    likely of the candidate walks is used. The fastest walk fits everything that a slower one fits:
-    if it has no consistent fit, or no wide search is due, the slower ones are not tried.
+    likely of the candidate walks is used. The fastest walk fits everything that a slower one fits.
+    If it has no consistent fit, the slower ones are not tried, and neither if no wide search is
+    due.
     """
     update = partial(
         update_with_walk, model, frame, before, found_better=found_better, widely=widely
@@ -142,7 +143,7 @@ def update_with_walk(
     widely: bool | None = None,
     believed: bool = True,
 ) -> HypothesisUpdate:
-    """Return the update of a belief by a frame; the search starts at the last shape, if any.
+    """Return the update of a belief by a frame; the search starts at the last shape.
 
     walk (N/sqrt(s)): random walk of the tip force, see `problem_of`; found_better, widely,
     believed: see `take_frame`. widely=None searches widely only for the first frame of a belief.
@@ -164,10 +165,10 @@ def problem_of(
 ) -> FrameProblem:
     """Return the estimation problem of a frame: its measurements and the propagated prior.
 
-    The force is free from frame to frame, so that a frame does not inherit the error of the last
-    one. It is not pulled to zero in every frame either, because the constant unknowns would take
-    that as evidence. A single frame does not determine the force on a swinging arm. There the
-    force is a random walk of strength `walk` (N/sqrt(s)); None: the strength of its recent motion.
+    The force may change freely from frame to frame, so that a frame does not inherit the error of
+    the last one. Its prior is not zero either, because the constant unknowns would take that as
+    evidence. A single frame does not determine the force on a swinging arm. There the force is a
+    random walk of strength `walk` (N/sqrt(s)); None: the recent strength.
     """
     model = model.of(belief.causes)
     frame = model.used(frame, belief.causes)

@@ -49,10 +49,10 @@ FAR = 1e3  # force scales: what reads more says no more
 class PreparedModel:
     """A calibrated arm with its sensors and painted targets, prepared for the fusion.
 
-    arclength (stations,) m of an estimate; places (n,) m: stations and targets in order along the
-    arm, of_stations and of_targets: their indices. given: the unknowns, None for `unknowns_of` the
-    arm; moving: the same for a swinging arm whose model has no motion. Raises ModelError if the
-    arm has no targets.
+    arclength (stations,) m: stations of an estimate; places (n,) m: stations and targets in order
+    along the arm, of_stations and of_targets: their indices. given: the unknowns, None for
+    `unknowns_of` the arm; moving: this model for a swinging arm if the arm has no `motion`. Raises
+    ModelError if the arm has no targets.
     """
 
     arm: Arm
@@ -102,7 +102,7 @@ class PreparedModel:
         object.__setattr__(self, 'moving', self._moving())
 
     def _moving(self) -> PreparedModel | None:
-        """Return the model with a likely inertia; None if the inertia is known or not used."""
+        """Return the model with a likely inertia; None if the inertia is known, or is not used."""
         if self.arm.motion is not None or self.given is not None:
             return None
         motion = likely_motion(self.arm)
@@ -114,7 +114,7 @@ class PreparedModel:
         return self.swinging is not None or self.moving is not None
 
     def of(self, causes: frozenset[str]) -> PreparedModel:
-        """Return the model with some causes active: the arm may swing."""
+        """Return the model for some active causes, one of which may be that the arm swings."""
         return self.moving if self.moving is not None and MOTION in causes else self
 
     def without(self, belief: Belief, where: slice) -> Belief:
@@ -127,7 +127,7 @@ class PreparedModel:
 
     @property
     def discrepancy(self) -> ModelDiscrepancy:
-        """The block of the model discrepancy."""
+        """The block of the model error."""
         return self.unknowns.block(ModelDiscrepancy)
 
     @property
@@ -180,7 +180,7 @@ class PreparedModel:
         return frame
 
     def pulled(self, kept: tuple[WrenchReading, ...], gauge: float) -> tuple[WrenchReading, ...]:
-        """Return true forces for the force readings at a pressure (Pa); none for a free tip."""
+        """Return the true forces for force readings at a pressure (Pa); none for a free tip."""
         if self.settings.free_tip:
             return ()
         if not self.arm.sensing:
@@ -227,7 +227,7 @@ class PreparedModel:
     ) -> Belief:
         """Return the belief at a later stamp; a contact may have moved.
 
-        pressure_change (Pa): since then; noise, size, walk: as in `move_belief`.
+        pressure_change, noise, size, walk: as in `move_belief`.
         """
         moved = move_belief(
             self.unknowns, belief, stamp_ns, size, pressure_change, noise=noise, walk=walk
@@ -247,7 +247,7 @@ class PreparedModel:
         return bool(np.trace(self.force_covariance(belief)) <= self.largest_force_std**2)
 
     def trusts_force(self, belief: Belief | None) -> bool:
-        """Whether frames have confirmed the force sensor: its offset and gain, to a tolerance."""
+        """Whether frames have confirmed offset and gain of the force sensor, to a tolerance."""
         if belief is None or FORCE_SENSOR in belief.causes:
             return False
         where, sensor = self.unknowns.at(ForceSensor), self.unknowns.block(ForceSensor)
@@ -264,12 +264,12 @@ class PreparedModel:
 
     @property
     def largest_force_std(self) -> float:
-        """The standard deviation (N) beyond which a component of the force is not determined."""
+        """Standard deviation (N) beyond which a component of the force counts as undetermined."""
         return self.settings.determined * self.force_scale
 
     @property
     def coarsest_pressure(self) -> float:
-        """The step (Pa) beyond which readings are commanded rather than read."""
+        """The step (Pa) beyond which readings are taken for commands, not measurements."""
         return self.settings.coarsest * self.discrepancy.range
 
     def pressure_rounding(self, step: float) -> float:
@@ -299,12 +299,12 @@ class PreparedModel:
 
     @property
     def camera_is_observable(self) -> bool:
-        """Whether the model error is known; otherwise it would look like a moved camera."""
+        """Whether the model error is known; an unknown model error looks like a moved camera."""
         return self.arm.covariance is not None
 
 
 def misfit_of(innovation: Array, covariance: Array, variance: float) -> float:
-    """Return the chi squared of an innovation (2,), with added noise of a variance."""
+    """Return the chi squared of an innovation (2,) with noise of this additional variance."""
     x, y = innovation.tolist()
     (both_x, both), (_, both_y) = covariance.tolist()
     both_x, both_y = both_x + variance, both_y + variance

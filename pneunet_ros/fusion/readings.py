@@ -36,7 +36,7 @@ class PressureInstant:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenFrame:
-    """First frame with these target positions (targets,) m, and its chamber pressure (Pa)."""
+    """The first frame with these target positions (targets,) m, and its chamber pressure (Pa)."""
 
     x: Array
     y: Array
@@ -64,9 +64,9 @@ class NearWrench:
 class ReadFrame:
     """A frame with the readings at the time that it shows.
 
-    alone: no pressure is known there; pressure_still: the last pressure readings are
-    bit-identical, and this frame is due for a test; wrench: None if none is near. before, pulls:
-    readings of pressure and force around it, for a swinging arm.
+    alone: whether no pressure is known at that time; pressure_still: whether the last pressure
+    readings are bit-identical and this frame is due for a test; wrench: None if none is near.
+    before, pulls: readings of pressure and force around the frame, for a swinging arm.
     """
 
     stamp_ns: int
@@ -91,7 +91,7 @@ class ReadFrame:
         return replace(self, sightings=replace(self.sightings, y=-self.sightings.y))
 
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
-        """Return the frame without the pressure reading; instant: its substitute."""
+        """Return the frame without the pressure reading; instant: replaces it."""
         return replace(self, instant=instant, alone=True)
 
 
@@ -104,7 +104,7 @@ def stamp_of(reading: Stamped) -> int:
 
 
 def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tuple[Stamped, ...]:
-    """Return readings in the order of their stamps, with one that invalidates later ones."""
+    """Return readings in order of their stamps with a new one, after which there is none."""
     earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
     return (*known[max(earlier + 1 - most, 0) : earlier], reading)
 
@@ -157,7 +157,7 @@ def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
 
 
 def load_read(wrench: WrenchReading, gauge: float) -> Load:
-    """Return the sensor readings of a load: an end wrench and a pressure (Pa)."""
+    """Return what the sensors read under a load: an end wrench and a pressure (Pa)."""
     return Load(
         pressure=gauge, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment
     )

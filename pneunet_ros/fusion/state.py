@@ -87,7 +87,8 @@ class PendingFrame:
     """The last frame that was used, and the work still to be done on it.
 
     updated: the update, not yet compared with alternative hypotheses; unchecked: its fit, if the
-    search for other tip forces is still to be made; answered: an estimate was published since.
+    search for other tip forces is still to be made; answered: whether an estimate has been
+    published since.
     """
 
     updated: HypothesisUpdate | None = None
@@ -99,8 +100,8 @@ class PendingFrame:
 class Counts:
     """Counts of estimates, of frames used, and of frames rejected, by reason.
 
-    lost: consecutive frames that were not used; contradicted: since the last used frame, one
-    contradicted every hypothesis.
+    lost: consecutive frames that were not used; contradicted: whether a frame since the last used
+    one contradicted every hypothesis.
     """
 
     estimates: int = 0
@@ -156,7 +157,7 @@ class FusionState:
 
     @property
     def unpressed(self) -> bool:
-        """Whether the last frame was taken without a pressure."""
+        """Whether the last frame was taken without a pressure reading."""
         belief = self.belief
         return PRESSURE in self.causes or (belief is not None and belief.unpressed)
 
@@ -187,7 +188,7 @@ class FusionState:
         )
 
     def without_frames_after(self, stamp_ns: int) -> FusionState:
-        """Forget a frame stamped ahead of its time, or its stamp if it was used."""
+        """Forget a frame stamped ahead of its time, or only its stamp if the frame was used."""
         waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
         bank = tuple(
             replace(one, belief=replace(one.belief, stamp_ns=min(one.belief.stamp_ns, stamp_ns)))
@@ -196,18 +197,18 @@ class FusionState:
         return replace(self, waiting=waiting, bank=bank).count_unused(AHEAD)
 
     def with_bank(self, bank: tuple[Hypothesis[Belief], ...]) -> FusionState:
-        """Return the state with other hypotheses; drops the pressures of a faulty sensor."""
+        """Return the state with these hypotheses; drops the pressures of a faulty sensor."""
         lasting = bank[0].belief.causes & LASTING
         pressures = () if PRESSURE in lasting else self.pressures
         return replace(self, bank=bank, lasting=lasting, pressures=pressures)
 
     def compressed(self) -> FusionState:
-        """Return the state with compacted square roots of the beliefs (they grow every frame)."""
+        """Return the state with compact square roots of the beliefs (they grow every frame)."""
         bank = tuple(replace(one, belief=compressed(one.belief)) for one in self.bank)
         return replace(self, bank=bank)
 
     def answered(self) -> FusionState:
-        """Return the state after publication: pending work can be done."""
+        """Return the state after publication, when pending work can be done."""
         if self.pending is None:
             return self
         return replace(self, pending=replace(self.pending, answered=True))

@@ -40,7 +40,7 @@ def propagate_swing(
 
     before: the belief before; propagated: the belief at the new stamp, without its swing; bent:
     its equilibrium; path: see `SwingingArm.advance`; causes (causes, unknowns): derivatives by the
-    unknowns, None if the force is known. Without an equilibrium the swing is reset.
+    unknowns, None if the force is known. If there is no equilibrium, the swing is reset.
     """
     if arm is None:
         return propagated, None
@@ -78,7 +78,7 @@ class SwingingEstimate:
     ) -> PropagatedErrors:
         """Return the errors of the arm; equilibrium_errors: of its equilibrium.
 
-        The uncertainty of the loads hardly moves the arm itself. causes (causes, unknowns):
+        An error of the loads hardly moves a swinging arm itself. causes (causes, unknowns):
         derivatives by the unknowns.
         """
         root, swing_deviation = self.belief.root, self.swing_deviation

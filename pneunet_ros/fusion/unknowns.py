@@ -1,4 +1,4 @@
-"""The unknowns of a fusion, one line per block; add a line for a new cause of error."""
+"""The unknowns of a fusion, one line per block; a new cause of error is one more line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STIFFNESS_SHARE = 0.5  # of the stiffness that is missing with a model error of 
 def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
     """Return the unknowns of an arm; the force scale is the largest force of its calibration.
 
-    free_tip: the tip is free, so no force sensor is used.
+    free_tip: whether the tip is free, so that no force sensor is used.
     """
     noise, known = arm.sensors, arm.covariance
     placed = None if known is None else known.placement

@@ -27,9 +27,9 @@ EARLY = 0.25  # s by which a film may be early: the prior of camera_delay, and a
 def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     """Raise RecordingError, with both names, if unloaded recordings show different arms.
 
-    length (m) of the arm. Hysteresis and creep also make an arm differ from itself: their size is
-    measured where a recording returns to a pressure. The tube makes a moving arm lag behind its
-    sensor, so frames after a rest are compared if there are enough.
+    length (m) of the arm. With hysteresis and creep an arm also differs from itself: the size of
+    this difference is measured where a recording returns to a pressure. Because of the tube, a
+    moving arm lags behind its sensor, so frames after a rest are compared if there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     self_distances = [tip_distance(run, run, top) for run in unloaded]
@@ -49,7 +49,7 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
 
 
 def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float | None:
-    """Return the distance (m) of the last target at equal pressures; None: no equal ones.
+    """Return the distance (m) of the last target at equal pressures; None if there are none.
 
     It is relative to the first target, so that the position of the camera does not matter. If a
     run is compared with itself, only frames at different times count. top: the largest pressure
@@ -127,7 +127,7 @@ def describe_misfit(fit: Fit) -> list[Note]:
 
 
 def misfit_of_few(fit: Fit) -> Note | None:
-    """Return a note if only a few frames misfit; None if more do, or none."""
+    """Return a note if only a few frames misfit; None if many do, or none."""
     counts = [run.dof > 0 for run in fit.runs]
     whitened, dof = (
         np.concatenate([values[counted] for values, counted in zip(parts, counts, strict=True)])
@@ -153,8 +153,8 @@ def misfit_of_few(fit: Fit) -> Note | None:
             'two shapes. Reduce that noise, keep away from such loads, or check the targets there'
         )
     return Note(
-        f'{missed.size} of {dof.size} frames deviate by far more than noise ({where}), unlike the '
-        f'others: the standard errors are too small; {cause}',
+        f'{missed.size} of {dof.size} frames deviate by far more than noise ({where}), the '
+        f'others do not: the standard errors are too small; {cause}',
         reason='few_misfit',
     )
 

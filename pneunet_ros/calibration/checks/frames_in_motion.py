@@ -1,9 +1,10 @@
 """Detect frames in which the arm swings, from targets alone, without a model of the arm.
 
 After a quick change an arm swings: its targets follow a damped vibration about a line in time. If
-this fits the frames better than a smooth motion with as many parameters, or an undamped vibration,
-its frequency and decay are used: the deviation and velocity in every frame then give the amplitude
-about equilibrium, as in `measurement.moving_arm.is_settled`, but without a model.
+this vibration fits the frames better than a smooth motion with equally many parameters, and better
+than an undamped vibration, its frequency and decay are used: the deviation and velocity in every
+frame then give the amplitude about equilibrium, as in `measurement.moving_arm.is_settled`, but
+without a model.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 o
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vibration:
-    """A vibration: observed frequency (rad/s), and decay rate (1/s)."""
+    """Frequency (rad/s) and decay rate (1/s) of a vibration, as observed."""
 
     frequency: float
     rate: float
@@ -61,7 +62,7 @@ class Vibration:
 
     @property
     def period(self) -> float:
-        """Time (s) of a swing."""
+        """Period (s) of the vibration."""
         return 2.0 * math.pi / self.frequency
 
 
@@ -105,7 +106,7 @@ class FramesInMotion:
 
     @property
     def summary(self) -> dict[str, float]:
-        """The numbers as JSON."""
+        """The numbers for the JSON summary."""
         names = ('frames', 'count', 'hertz', 'decay_time')
         return {name: getattr(self, name) for name in names}
 
@@ -125,8 +126,8 @@ class TargetMotion:
     """Motion of the targets of a recording.
 
     frame (n,), time (n,) s and coordinates (n, DIRECTIONS) m along unit vectors of target motion,
-    with tip (DIRECTIONS, 2) their components for the last target. drives (n, any): pressure and
-    load, which move the arm, each over its noise.
+    tip (DIRECTIONS, 2) are their components for the last target. drives (n, any): pressure and
+    load, which move the arm, each divided by its noise.
     """
 
     frame: npt.NDArray[np.int64]
@@ -137,7 +138,7 @@ class TargetMotion:
 
     @property
     def period(self) -> float:
-        """Time (s) from frame to frame."""
+        """Time (s) from one frame to the next."""
         return float(np.median(np.diff(self.time)))
 
     def windows(self, seconds: float) -> npt.NDArray[np.int64]:
@@ -263,7 +264,7 @@ def slowest_period(length: float) -> float:
 
 
 def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration | None:
-    """Return the vibration shown by the courses; None if smooth motions explain them as well.
+    """Return the vibration of the courses; None if smooth motions explain them equally well.
 
     slowest (s): the longest period of a swing.
     """
@@ -295,7 +296,7 @@ def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration |
 
 
 def refined(courses: Sequence[TargetMotion], first: Vibration) -> Vibration:
-    """Return the local optimum of a vibration over the same windows."""
+    """Return a local optimum of the vibration, over the same windows."""
     from scipy.optimize import minimize  # slow to import, and few arms swing
 
     def vibration(numbers: Array) -> Vibration:
@@ -317,8 +318,8 @@ class Windows(NamedTuple):
     """Windows of a course in which pressure and load are linear.
 
     time (windows, frames) s. coordinates (windows, frames, DIRECTIONS) m. freedom: degrees of
-    freedom of the residuals of a window. smooth_squares (motions, windows): the sum of squared
-    residuals of each smooth motion.
+    freedom of the residuals of a window. smooth_squares (motions, windows): sums of squared
+    residuals of the smooth motions.
     """
 
     time: Array
@@ -357,7 +358,8 @@ def linear_windows(courses: Sequence[TargetMotion], seconds: float) -> list[Wind
 def gains_of(windows: Sequence[Windows], vibrations: Sequence[Vibration]) -> list[float]:
     """Return the advantage of each vibration over all other explanations of the windows.
 
-    vibrations: of one frequency. The gain is in log likelihood, each window with its own noise.
+    vibrations: all of one frequency. The advantage is in log likelihood, each window with its own
+    noise.
     """
     driven = replace(vibrations[0], rate=0.0)  # an undamped vibration is driven
     gains = np.zeros((len(vibrations), 1))
@@ -388,7 +390,7 @@ def smooth_motions(seconds: float) -> list[Columns]:
 
 
 def residual_of(columns: Array, values: Array) -> Array:
-    """Return the residual of values (windows, n, any) after projection on columns (likewise)."""
+    """Return the residuals of values (windows, n, any) after projection on such columns."""
     basis, _ = np.linalg.qr(columns)
     return np.asarray(values - basis @ (basis.transpose(0, 2, 1) @ values))
 

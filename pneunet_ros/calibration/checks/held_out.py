@@ -38,8 +38,9 @@ def score(
 ) -> Score:
     """Predict a run from its readings and compare.
 
-    inputs: of the run, if its history continues earlier runs; None: from the run alone. placement
-    (2, targets) m: of the targets along and across the arm; None: from the covariance of the arm.
+    inputs: those of the run, if its history continues earlier runs; None: computed from the run
+    alone. placement (2, targets) m: of the targets along and across the arm; None: estimated with
+    the covariance of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)
     inputs = inputs_of(arm, [run])[0] if inputs is None else inputs

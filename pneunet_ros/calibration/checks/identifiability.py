@@ -1,4 +1,4 @@
-"""Notes on parameters that were not determined: kept at the prior, or correlated."""
+"""Notes on parameters that the data do not determine: kept at the prior, or correlated."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def undetermined_quantities(fit: Fit) -> list[Note]:
     ]
     if pairs:
         one, other, value = max(pairs, key=lambda pair: abs(pair[2]))
-        other_pairs = f'; nor can {len(pairs) - 1} other pairs' if len(pairs) > 1 else ''
+        other_pairs = f', and neither can {len(pairs) - 1} other pairs' if len(pairs) > 1 else ''
         notes.append(
             Note(
                 f'{one} and {other} cannot be distinguished with these data (correlation '
@@ -62,6 +62,6 @@ def undetermined_quantities(fit: Fit) -> list[Note]:
 
 
 def same_quantity(one: str, other: str) -> bool:
-    """Whether two names are the same quantity at two pressures."""
+    """Whether two names denote the same quantity at two pressures."""
     first, second = one.split('.'), other.split('.')
     return first[:2] == second[:2] and first[3:] == second[3:]

@@ -1,8 +1,8 @@
 """Cross-validation of a calibration with few numbers: fits without some pressures.
 
-Two baselines without a rod model predict the same pressures: an arc of the length of the arm whose
-curvature is interpolated over the pressure, and plain interpolation of the tip. It is reported if
-these do as well.
+Two baselines without a rod model make the same predictions: an arc of the length of the arm whose
+curvature is interpolated over the pressure, and plain interpolation of the tip. A note says so if
+a baseline predicts as well as the model.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ Refit = Callable[[Sequence[RecordingData]], Fit]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LeftOutLevels:
-    """Prediction errors at left-out pressures: of the tip (m), or its heading (rad).
+    """Prediction errors at left-out pressures, of the tip (m) or of its heading (rad).
 
     levels: number of pressures; model, arc, interpolation: rms errors of these predictions;
-    changed: change of the prediction by leaving one out, relative to its standard error; excess
-    (parameters, levels): columns added to the covariance of the fit if it is too small.
+    changed: change of the prediction when a pressure is left out, relative to its standard error;
+    excess (parameters, levels): columns added to the covariance of the fit if it is too small.
     """
 
     levels: int
@@ -59,7 +59,7 @@ class LeftOutLevels:
 
     @property
     def better(self) -> str:
-        """Name the baseline that does as well as the model; empty if none does."""
+        """Name the baseline that predicts at least as well as the model; empty if none does."""
         least = min(self.arc, self.interpolation)
         if self.model <= least:
             return ''
@@ -67,7 +67,7 @@ class LeftOutLevels:
 
     @property
     def sentence(self) -> Note:
-        """Describe it for users."""
+        """Describe the errors for users."""
         what = 'heading of the tip' if self.is_angle else 'tip'
         text = (
             f'{self.levels} pressures were left out of the fit in turn. There the model misses '
@@ -167,7 +167,7 @@ def parts_of(pressure: Array, most: int) -> Array:
 
 
 def without_frames(runs: Sequence[RecordingData], left_out: Array) -> list[RecordingData]:
-    """Return the runs without the marked frames (all frames of all runs,)."""
+    """Return the runs without the marked frames; the mask covers the frames of all runs."""
     kept, start = list[RecordingData](), 0
     for run in runs:
         frames = len(run.stamp_ns)
@@ -178,7 +178,7 @@ def without_frames(runs: Sequence[RecordingData], left_out: Array) -> list[Recor
 
 
 def interpolated(pressure: Array, values: Array, at: Array) -> Array:
-    """Interpolate values between pressures by a monotone cubic through the means."""
+    """Interpolate the means of values between pressures by a monotone cubic."""
     if np.iscomplexobj(values):
         x, y = (interpolated(pressure, part, at) for part in (values.real, values.imag))
         return x + 1j * y
@@ -206,8 +206,7 @@ def arc_tip(arm: Arm, curvature: Array) -> Places:
 def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
     """Return the position of the last target, x + i y (m), and the heading there (rad).
 
-    It is for the unloaded arm, NaN without an equilibrium; the target placement is that of the
-    fit.
+    The arm is unloaded; NaN without an equilibrium. The target placement is that of the fit.
     """
     model = ForwardModel(fit.arm.target_arclength[[0, -1]])
     inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
@@ -219,7 +218,7 @@ def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
 
 
 def painted_tip(fit: Fit, model: ForwardModel) -> PaintedTargets:
-    """Return the painted position of the last target in the frames solved by a model."""
+    """Return the painted position of the last target in the solved frames of a model."""
     last = model.fields[:, :, -1:]
     return paint(last[:, THETA], last[:, CURVATURE], fit.placement[:, -1:])
 

@@ -1,8 +1,7 @@
 """Fits without one loaded recording each, compared with the fit to all (jackknife).
 
-Two fits, with and without a recording, should differ by as much as it reduces the covariance. A
-model error, or a wrongly stated load, makes them differ by more. This excess is added to the
-covariance.
+Leaving out a recording should change the fit by as much as the recording reduces the covariance. A
+model error, or a wrongly stated load, changes it by more. This excess is added to the covariance.
 
 Source: Efron and Stein, Ann. Statist. 9 (1981).
 """
@@ -26,7 +25,7 @@ class LeftOutRecordings:
     """Changes of a fit when each of some recordings is left out.
 
     changed: tip displacement in the recording left out, relative to its standard error; excess
-    (parameters, recordings): columns added to the covariance if that is larger than 1.
+    (parameters, recordings): columns added to the covariance if changed is larger than 1.
     """
 
     recordings: int
@@ -73,10 +72,10 @@ def leave_recordings_out(full: Fit, without: Sequence[Fit]) -> LeftOutRecordings
 
 
 def jackknife_excess(changed: float, changes: Sequence[Array]) -> Array:
-    """Return the columns (parameters, parts) to be added to the covariance of a fit.
+    """Return columns (parameters, parts) to add to the covariance of a fit.
 
-    changed: change of the prediction relative to its standard error; changes (parameters,): of the
-    fit without each part.
+    changed: change of the prediction relative to its standard error; changes: change of the
+    parameters (parameters,) when each part is left out.
     """
     count = len(changes)
     weight = max(1.0 - 1.0 / max(changed, 1.0) ** 2, 0.0) * (count - 1) / count

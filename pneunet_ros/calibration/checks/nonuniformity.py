@@ -32,10 +32,10 @@ def consider_nonuniformity(
 ) -> Fit:
     """Return the fit with the covariance of nonuniform curvature between targets.
 
-    shown: the number of values along the arm that the targets resolve; if the curve has fewer, the
-    targets show how evenly the arm bends. If the model misses the targets by much more than noise,
-    the uncertainty of the fit is scaled by the same factor (as by the Particle Data Group),
-    because few targets cannot show where.
+    shown: the number of values along the arm that the targets resolve; if the curve has fewer
+    values, the targets show how evenly the arm bends. If the model misses the targets by much more
+    than noise, the uncertainty of the fit is scaled by the same factor (as by the Particle Data
+    Group), because few targets cannot show where.
     """
     parameters = fit.parameters
     if parameters.shapes is None:
@@ -59,12 +59,11 @@ def consider_nonuniformity(
 
 
 def known_departure(prior: Array, information: Array, covariance: Array, missed: Array) -> Array:
-    """Return the ratio of posterior to prior mean square of departures (cells, cells).
+    """Return posterior over prior mean square of departures from the curve, (cells, cells).
 
-    information, covariance (n, n): of the data, and of the fit; the part of a departure absorbed
-    by the fit gives no information on it, which leaves I - I C I. missed (n,): remaining linear
-    term of the data after the fit; the departure that it shows is not a parameter of the fit, but
-    an error of it.
+    information (n, n) of the data, covariance (n, n) of the fit: the fit absorbs a part of a
+    departure, so the information that remains is I - I C I. missed (n,): linear term of the data
+    that remains after the fit; the departure is not a parameter of the fit but an error in it.
     """
     cells = len(prior)
     conditional = (information - information @ covariance @ information)[:cells, :cells]
@@ -75,7 +74,7 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
 
 
 def shape_std(fit: Fit) -> tuple[float, float]:
-    """Return the largest standard error (m) of the position of the centerline, and its s / l."""
+    """Return the largest standard error (m) of a centerline position, and its s / l."""
     places = fit.arm.length * fit.parameters.arclength
     jacobian = shape_jacobian(fit, COVARIANCE_FRAMES, places)
     variance = np.einsum('ij,jk,ik->i', jacobian, fit.covariance, jacobian)
@@ -102,8 +101,8 @@ def describe_nonuniformity(fit: Fit, settings: ResolutionSettings) -> list[Note]
 def departure_prior(parameters: Parameters, values: Array, settings: ResolutionSettings) -> Array:
     """Return the covariance (cells, cells) of departures from the curve, 1/m^2.
 
-    It has one shape for all pressures, in proportion to the mean curvature, and one for the arm at
-    rest.
+    A departure has one shape for all pressures, in proportion to the mean curvature, and another
+    for the arm at rest.
     """
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
     rest = settings.nonuniform_rest / parameters.frame.length
@@ -114,7 +113,7 @@ def departure_prior(parameters: Parameters, values: Array, settings: ResolutionS
 
 
 def linear_departure(settings: ResolutionSettings) -> float:
-    """Return one sigma of the linear part of a departure, at the tip, per mean curvature."""
+    """Return one sigma of the linear departure at the tip, relative to the mean curvature."""
     arclength = np.linspace(0.0, 1.0, STATIONS)
     linear = np.linalg.pinv(legendre.legvander(2.0 * arclength - 1.0, MODES - 1))[1]
     variance = linear @ correlation(arclength, settings.nonuniform_scale) @ linear

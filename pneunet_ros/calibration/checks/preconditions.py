@@ -1,4 +1,4 @@
-"""Preconditions of a calibration; each message says how to fulfill the one that fails."""
+"""Preconditions of a calibration; each message says how to meet the one that fails."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def check_runs(
 ) -> None:
     """Raise RequestError or RecordingError if the recordings cannot give a calibration.
 
-    first: nothing is known about the arm yet.
+    first: whether nothing is known about the arm yet.
     """
     runs = [*unloaded, *loaded]
     constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
@@ -107,7 +107,7 @@ def has_one_pressure(
 
 
 def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
-    """Return the spread (Pa) of readings of one pressure due to sensor noise."""
+    """Return the largest spread (Pa) that sensor noise causes among readings of one pressure."""
     return settings.noise_span * arm.sensors.pressure_std
 
 
@@ -157,7 +157,7 @@ def check_pressures(
 ) -> None:
     """Raise RecordingError if the unloaded recordings do not vary the pressure.
 
-    constant: it never changes, also under load.
+    constant: whether it never changes, under load either.
     """
     declared, tolerance = settings.preconditions.declared, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
@@ -199,7 +199,7 @@ def check_meaning(
     """Raise RecordingError if pressures (frames,) Pa almost surely have another unit.
 
     At the start of a calibration, the range of `arm` is a guess, so the readings may be from any
-    soft actuator. declared: their declared meaning; moves: the arm bends.
+    soft actuator. declared: their declared meaning; moves: whether the arm bends.
     """
     record = record_of(range(pressures.size), map(declared.reading, pressures.tolist()))
     verdict = judge_pressure(record, declared, [*ANY_ACTUATOR, expected_of(arm)], moves=moves)
@@ -342,8 +342,8 @@ def describe_clamp(runs: Sequence[RecordingData], arm: Arm) -> tuple[Note, ...]:
 def motion(runs: Sequence[RecordingData], reach: float) -> float:
     """Return the travel (m) of the last target ever seen, over all recordings.
 
-    reach (m): of the arm; if only the heading of the tip is known, the travel is that of half an
-    arc.
+    reach (m) of the arm. If only the heading of the tip is known, the travel is half the length of
+    its arc.
     """
     if not any(run.seen.any() for run in runs):
         turns = np.concatenate([run.heading for run in runs if run.heading is not None])
@@ -359,5 +359,5 @@ def motion(runs: Sequence[RecordingData], reach: float) -> float:
 
 
 def names_of(runs: Sequence[RecordingData]) -> str:
-    """Return the names of recordings as a list for a sentence."""
+    """List the names of recordings for a sentence."""
     return ', '.join(run.name for run in runs)

@@ -1,9 +1,4 @@
-"""Resolution of targets and pressures: the number of parameters of kappa_p0 and the moment law.
-
-Quantities that the recordings cannot show are not fitted. Along the arm there is one number for
-every target beyond the clamp that is distinct from the previous one. The covariance includes
-departures from such a curve (`nonuniformity`).
-"""
+"""Resolution of targets and pressures: how many parameters the data can determine."""
 
 from __future__ import annotations
 
@@ -24,10 +19,10 @@ from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 class Resolution:
     """How finely recordings resolve an arm.
 
-    shapes: numbers of kappa_p0 along the arm, at most its knots. pressures: distinct ones, without
-    load or with. constant_pressure: it never changes, so the model is not valid at others. law:
-    the kind of moment law whose constants the loaded frames determine. notes: these findings as
-    sentences; law_notes: those on the law, if none was requested.
+    shapes: numbers of kappa_p0 along the arm, at most one per knot. pressures: number of distinct
+    pressures, loaded or not. constant_pressure: whether there is only one, so that the model is
+    not valid at others. law: the kind of moment law whose constants the loaded frames determine.
+    notes: these findings as sentences; law_notes: those on the law, if none was requested.
     """
 
     shapes: int
@@ -40,7 +35,7 @@ class Resolution:
 
     @property
     def free_shapes(self) -> int | None:
-        """The number of curvature shapes if fewer than the knots."""
+        """Number of curvature shapes if smaller than that of the knots, else None."""
         return self.shapes if self.shapes < self.knots else None
 
 
@@ -129,7 +124,7 @@ def count_separated(values: Sequence[float], distance: float) -> int:
 
 
 def count_of(items: Sequence[object], name: str) -> str:
-    """Return a count with its noun."""
+    """Return a count with its noun in singular or plural."""
     return f'{len(items)} {name}{"" if len(items) == 1 else "s"}'
 
 

@@ -1,12 +1,13 @@
 """Score test of a stiffness that varies along the arm beyond the moment law.
 
 If EI is larger by a share m(s), the curvature changes by -m (kappa - kappa0) under any load: to
-first order this equals a change of the intrinsic curvature. The effect of a departure of ln EI, a
-few Legendre polynomials along the arm, on the targets thus follows from the Jacobian of the
-curvature table. Its score is that of the linearized fit, with all fitted parameters refitted.
+first order this equals a change of the intrinsic curvature. The Jacobian of the curvature table
+therefore also gives the effect of a variation of ln EI (a few Legendre polynomials along the arm)
+on the targets. The score is that of the linearized fit, with all parameters refitted.
 
-Chi squared over all coordinates is not sensitive to this. A departure that moves the tip out of
-its ellipse may be smaller than the noise of a single target: two percent of chi squared.
+Chi squared over all coordinates is not sensitive to this: a variation that moves the tip out of
+its confidence ellipse may be smaller than the noise of a single target, and change chi squared by
+only two percent.
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ HALVINGS = 30  # of an interval: 30 give nine digits
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipErrors:
-    """Displacement of the last target in loaded frames by a departure, and the stated error.
+    """How far a variation of stiffness moves the last target under load, and its stated error.
 
     shift (frames, 2) m, with all parameters refitted; jacobian (frames, 2, parameters); covariance
-    (frames, 2, 2) m^2 of the model, readings (frames, 2, 2) m^2 due to their noise.
+    (frames, 2, 2) m^2 of the model; readings (frames, 2, 2) m^2, the covariance due to their
+    noise.
     """
 
     shift: Array
@@ -58,7 +60,7 @@ class TipErrors:
 class StiffnessVariation:
     """Test whether the stiffness EI varies along the arm, from loaded frames.
 
-    statistic: reduction of chi squared by dof coefficients; coefficients (dof,): of ln EI in
+    statistic: reduction of chi squared by `dof` coefficients; coefficients (dof,): of ln EI in
     Legendre polynomials along the arm, from the first degree on; tips: the effect on the tip.
     """
 
@@ -143,7 +145,7 @@ def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
 def tip_errors(
     fit: Fit, runs: list[RunLinearization], coefficients: Array, refitted: Array
 ) -> TipErrors:
-    """Return the shift of the last target by a departure, with the parameters refitted."""
+    """Return how far a variation of ln EI moves the last target, with the parameters refitted."""
     size, last = fit.values.size, fit.arm.target_arclength.size - 1
     parts: tuple[list[Array], ...] = ([], [], [], [])
     for run in runs:
@@ -167,7 +169,7 @@ def tip_errors(
 def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     """Return error columns (parameters, errors) that cover the tip error of a varying stiffness.
 
-    No parameter of the law can imitate such an arm. Therefore the stiffness of each section gets
+    No parameter of the law can describe such an arm. Therefore the stiffness of each section gets
     its own error, large enough that the tips of the loaded frames lie in their ellipses, and
     balanced so that the sections together move the tip equally in all possible directions. There
     are no columns if the variation does not matter.

@@ -1,4 +1,4 @@
-"""`pneunet calibrate`: the two experiments of the paper -> a model file with error bars."""
+"""`pneunet calibrate`: a model file with error bars from the paper's two experiments."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def options(parser: ArgumentParser) -> None:
     verb.add_recordings(
         parser,
         '--motion',
-        'recordings in which the arm swings, after quick pressure steps or after being '
-        'plucked: tip mass and damping are fitted to them, and nothing else',
+        'recordings in which the arm swings, after quick pressure steps or after being plucked: '
+        'only tip mass and damping are fitted to them',
     )
     parser.add_argument(
         '--arm',
@@ -75,9 +75,11 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--no-compare',
         action='store_true',
-        help='skip the fits that leave out each loaded recording and those of the other moment '
-        'laws: takes about half the time, but the error bars do not include the effect of '
-        'leaving out a recording',
+        help=(
+            'skip the fits without each loaded recording, and those of the other moment laws: '
+            'takes about half the time, but the error bars do not include the effect of leaving '
+            'out a recording'
+        ),
     )
     add_experiments(parser)
     verb.add_effects_path(parser)

@@ -152,7 +152,7 @@ def error_rows(name: str, errors: dict[str, Any], *, known: bool) -> Iterator[li
 
 
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:
-    """Describe the compared topics, the number of frames, and the difference of their stamps."""
+    """Describe the compared topics, the number of frames, and how far their stamps differ."""
     of, to = errors['topics'].values()
     offsets = errors['stamps_apart']
     text = (

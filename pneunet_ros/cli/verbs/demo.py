@@ -1,4 +1,4 @@
-"""`pneunet demo`: Table 1 of the paper through the estimator, as table, MCAP and picture.
+"""`pneunet demo`: run the estimator on Table 1 of the paper; writes a table, MCAP and picture.
 
 Kernels that are not cached are compiled when called: the demo needs only a third of them, and also
 runs if the image libraries are not installed.
@@ -88,7 +88,7 @@ def run(arguments: Namespace) -> int:
 
 
 def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
-    """Return the holds of the upward sweep; the downward sweep repeats its pressures."""
+    """Return the holds of the upward sweep; the downward sweep repeats the same pressures."""
     seen: dict[float, ShapeEstimate] = {}
     for hold in holds:
         seen.setdefault(hold.shape.pressure, hold)

@@ -65,7 +65,9 @@ def options(parser: ArgumentParser) -> None:
         'write report.html, model.yaml, diagnosis.json and the pictures into this folder',
     )
     verb.add_seed(
-        parser, 'random seed of the simulated clean data that set the thresholds (default: 0)'
+        parser,
+        'random seed of the simulated clean data from which the thresholds are computed '
+        '(default: 0)',
     )
     parser.add_argument(
         '--without',
@@ -77,7 +79,9 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='simulate on the Dask cluster of this scheduler (default: on this machine)',
+        help=(
+            'run the simulations on the Dask cluster of this scheduler (default: on this machine)'
+        ),
     )
     add_experiments(parser)
     verb.add_effects_path(parser)
@@ -179,7 +183,7 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
 def executor_for(
     scheduler: str | None, effects_path: Path | None = None
 ) -> AbstractContextManager[Executor | None]:
-    """Return the executor for simulating clean data: here, if faster than starting processes.
+    """Return the executor for simulating clean data: this process, unless others pay off.
 
     The workers of a cluster read user effects from the same path.
     """

@@ -41,7 +41,7 @@ def options(parser: ArgumentParser) -> None:
     parser.epilog = (
         'Exit codes: 0 a new recording confirmed the name, or the answer is "none" and these '
         'recordings would have shown every effect; 1 no such answer within the budget, or a '
-        'discovered law overruled the last name; 2 invalid request or file. Files: '
+        'discovered law replaced the last name; 2 invalid request or file. Files: '
         'recording_NN.mcap, exploration.html and exploration.json after every recording, and at '
         'the end diagnosis/, as written by `diagnose`.'
     )
@@ -270,7 +270,8 @@ def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> Non
         print(f'Save it as {path}, then press Enter (Ctrl-C quits): ', end='', flush=True)
         if not sys.stdin.readline():
             raise RequestError(
-                f'{path} does not exist, and there is no terminal to ask on', reason='not_found'
+                f'{path} does not exist, and there is no terminal on which to ask',
+                reason='not_found',
             )
 
 

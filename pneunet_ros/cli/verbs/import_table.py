@@ -31,7 +31,10 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='rows per second of a table without a time column'
     )
-    verb.add_model(parser, 'model to judge the readings by (default: any soft actuator)')
+    verb.add_model(
+        parser,
+        'model whose pressure range the readings should fit (default: that of any soft actuator)',
+    )
     verb.add_settings(parser, ['judge_readings'])
 
 

@@ -116,14 +116,16 @@ def answers(
 ) -> tuple[dict[str, float], Array]:
     """Return the sizes (SI) by name, and the positions of the targets (targets,) m.
 
-    ask: how to ask for missing values; None: nobody can be asked, so RequestError.
+    ask: function that asks for missing values; None: there is no terminal, which raises
+    RequestError.
     """
     targets_given = arguments.targets or arguments.places
     missing = [item.name for item in QUESTIONS if getattr(arguments, item.name) is None]
     missing += [] if targets_given else ['targets']
     if missing and ask is None:
         raise RequestError(
-            f'give {", ".join(f"--{name}" for name in missing)}: there is no terminal to ask on',
+            f'give {", ".join(f"--{name}" for name in missing)}: there is no terminal on which '
+            'to ask',
             reason='missing',
         )
     sizes = {}

@@ -1,4 +1,4 @@
-"""`pneunet predict`: one solution, for a load or for a position of the tip."""
+"""`pneunet predict`: one solution, for a given load or for a given position of the tip."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
 
 
 def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
-    """Return a shape with its uncertainty, or a failed one if the load is outside the model."""
+    """Return a shape with its uncertainty, or a failed one if the load is out of range."""
     if not shape.converged:
         return Prediction(shape=shape)
     load = Load(
@@ -296,7 +296,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem, console: Console) 
     rows = []
 
     def add(name: str, value: float, std: float | None, unit: Unit, places: int) -> None:
-        """Add a row, value and std in this unit."""
+        """Add a row: value and standard deviation in this unit."""
         texts = (
             '' if item is None else f'{unit.per_si * item:.{places}f}' for item in (value, std)
         )

@@ -1,4 +1,4 @@
-"""`pneunet simulate`: a scenario of the virtual lab -> a recording, with its truth."""
+"""`pneunet simulate`: a recording of a scenario in the virtual lab, with its ground truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pneunet survey`: check, calibrate and diagnose every arm of a fleet; one page about all."""
+"""`pneunet survey`: check, calibrate and diagnose every arm of a fleet; one page for all arms."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def options(parser: ArgumentParser) -> None:
         '--workers',
         type=int,
         metavar='N',
-        help='number of arms processed at the same time (default: one per core)',
+        help='number of arms to process at the same time (default: one per core)',
     )
     where.add_argument(
         '--scheduler',
@@ -126,7 +126,7 @@ def run(arguments: Namespace) -> int:
 
 @dataclass(slots=True, kw_only=True)
 class Survey:
-    """A survey in progress; kept: number of arms done by an earlier run."""
+    """A survey in progress; kept: number of arms finished by an earlier run."""
 
     folder: SurveyFolder
     request: SurveyRequest
@@ -176,8 +176,8 @@ class Survey:
     ) -> dict[str, Any]:
         """Store the results of an arm, and return its row.
 
-        Failures of the process, such as a worker that died, are not stored: the arm is tried
-        again.
+        Failures of the process, such as a worker that died, are not stored, so that the arm is
+        processed again.
         """
         from pneunet_ros.cli.survey_arm import FOUND
 
@@ -196,7 +196,7 @@ class Survey:
     def data_of(
         self, source: str, fleet: Sequence[FleetArm], rows: Mapping[str, Mapping[str, Any]]
     ) -> SurveyData:
-        """Return the arms with their models, and their comparison."""
+        """Return the arms with their models, and the comparison of the models."""
         from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
 
         arms = []

@@ -61,14 +61,16 @@ def options(parser: ArgumentParser) -> None:
         '--estimates',
         type=Path,
         metavar='REC',
-        help='draw the predicted centerlines of this recording (from `replay`) into the page '
-        '(default: those recorded with the images, if any)',
+        help=(
+            'draw the predicted centerlines of this recording (from `replay`) on the page '
+            '(default: those recorded with the images, if any)'
+        ),
     )
     parser.add_argument(
         '--table',
         type=Path,
         metavar='FILE.csv',
-        help='write a table with one line per target and frame',
+        help='write a table with one row per target and frame',
     )
     parser.add_argument(
         '--rate',

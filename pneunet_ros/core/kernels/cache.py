@@ -1,4 +1,4 @@
-"""The kernel cache: its location and completeness, and the process that fills it.
+"""The kernel cache: where it is, whether it is complete, and the process that fills it.
 
 A marker file, named by a hash of everything that compiled kernels depend on, shows that they are
 cached. `pneunet compile` writes it after calling every kernel.
@@ -64,7 +64,7 @@ def processor() -> str:
 def kernels_kept() -> bool:
     """Whether the kernels are cached, or never will be.
 
-    They never will be without numba, or without a writable folder.
+    They cannot be cached without numba or without a writable folder.
     """
     return not jit.HAVE_NUMBA or kept_file().exists() or not may_keep()
 
@@ -81,13 +81,13 @@ def may_keep() -> bool:
 
 
 def note_kept() -> None:
-    """Write the marker file: the kernels are cached."""
+    """Write the marker file, which states that the kernels are cached."""
     kept_file().touch()
 
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Hold the lock for compiling these kernels, waiting for other processes."""
+    """Hold the lock for compiling these kernels; waits for other processes."""
     with lock_file().open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
@@ -145,8 +145,8 @@ def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
 def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
     """Wait for the process that compiles the kernels; start it unless one is running.
 
-    If this process ends, the compilation continues. One that was started by another process and
-    failed is started again.
+    If this process ends, the compilation continues. If a compilation by another process fails,
+    this process starts it again.
     """
     process = None
     while not kernels_kept():
