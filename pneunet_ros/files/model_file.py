@@ -200,8 +200,8 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
         if name not in EFFECTS:
             raise ModelError(
                 f'unknown key effects.{name}; known effects: {", ".join(EFFECTS)}. To use an '
-                'effect of your own, give its folder with --effects-path DIR, or with the parameter '
-                'effects_path of a node',
+                'effect of your own, give its folder with --effects-path DIR, or with the '
+                'parameter effects_path of a node',
                 reason='unknown_key',
             )
     named = MODEL_FILE.block(content, 'effects', tuple(EFFECTS), set(EFFECTS))

@@ -1,7 +1,7 @@
 """Hypothesis test over causes: each frame updates all hypotheses, and may add new ones.
 
 The leading hypothesis is updated first. If it fits the frame within noise, the estimate is
-published before the others are updated. If it does not, or if it needs a contact to fit, or if all
+published before the others are updated. If it does not fit, or only with a contact, or if all
 frames together indicate a cause, every possible cause is added to it once. All hypotheses are
 weighted by the evidence of the same frame, and those far less likely than the best are dropped.
 """
@@ -37,7 +37,7 @@ FREE = 2.0  # chi squared by which a frame fits better, on average, with a force
 
 
 def is_copy(model: PreparedModel, seen: SeenFrame, frame: ReadFrame) -> bool:
-    """Whether a bit-identical frame is a copy, because the pressure has changed meanwhile."""
+    """Whether a bit-identical frame is a copy, judging by a change of the pressure since."""
     pressure_change = abs(frame.instant.chamber - seen.chamber)
     return not frame.alone and pressure_change > model.settings.frozen * frame.instant.std
 
@@ -47,7 +47,7 @@ def take(
 ) -> HypothesisUpdate:
     """Return the update of the leading hypothesis by a frame.
 
-    If consecutive frames were not used, only a few of them are searched over all forces.
+    Of consecutive frames that were not used, only a few are searched over all forces.
     """
     widely = is_due(state) or not before.frames
     found_better = state.search.found_better
@@ -57,7 +57,7 @@ def take(
 
 
 def estimate_walk(updated: HypothesisUpdate) -> Walk:
-    """Return the walk of the tip force after a frame of an arm that swings."""
+    """Return the walk of the tip force after a frame of a swinging arm."""
     walk, fit = updated.problem.prior.walk, updated.update.fit
     information = None if fit is None else fit[0].walk_information(fit[1])
     if information is None or not updated.before.frames:
@@ -123,10 +123,10 @@ def weigh(
 
 
 def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
-    """Return the hypotheses, first one that uses the pressure, if it is about as likely.
+    """Return the hypotheses, with one that uses the pressure first if it is about as likely.
 
-    Dropping the pressure also stops its use in all others, so this waits until those are clearly
-    less likely.
+    If the leading hypothesis drops the pressure, so do all others. Therefore this waits until
+    hypotheses that use the pressure are clearly less likely.
     """
     if PRESSURE not in bank[0].belief.causes:
         return bank
@@ -174,8 +174,8 @@ def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float)
 def evidence_comparable_with_swing(model: PreparedModel, updated: HypothesisUpdate) -> float:
     """Return the log evidence of a frame, comparable with that of a swinging arm.
 
-    Without a swing, the force is free from frame to frame, which reduces the evidence even under a
-    steady load. Therefore the recent random walk of the force is tried here as well.
+    Without a swing, the force may change freely from frame to frame, which reduces the evidence
+    even under a steady load. Therefore the recent random walk of the force is tried here as well.
     """
     before = updated.before
     if MOTION in before.causes or not before.frames:
@@ -188,8 +188,8 @@ def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:
     """Whether a contact relies on a force sensor that no frame has confirmed.
 
     The error of such a sensor may follow any law, so its reading is no evidence for a contact. A
-    hypothesis without the sensor is not penalized for predicting less: it stays as likely as the
-    contact as long as it fits the frames nearly as well.
+    hypothesis without the sensor is not penalized for predicting fewer measurements: it remains as
+    likely as the contact as long as it fits the frames nearly as well.
     """
     belief = updated.after
     read = model.used(updated.frame, belief.causes).wrench is not None
@@ -204,7 +204,7 @@ def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:
 def contact_alternatives(
     model: PreparedModel, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
-    """Return updates with a contact, and without one that may have ended."""
+    """Return updates with a contact, and updates in which a contact has ended."""
     updated = best[0]
     if not CONTACTS.is_possible(model, updated):
         return []
@@ -283,7 +283,7 @@ def all_alternatives(model: PreparedModel, base: Alternative) -> list[Alternativ
 
 
 def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:
-    """Return the best hypothesis without its contact, if that was evaluated.
+    """Return the best hypothesis without its contact, if that hypothesis was evaluated.
 
     Most causes look like a contact, so a contact is accepted only after the others were tried.
     """

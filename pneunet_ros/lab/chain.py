@@ -1,4 +1,4 @@
-"""Shapes of the lab arm: its chain of elements, the loads in every frame, and its equilibrium.
+"""Shapes of the lab arm: the chain of elements, its loads in every frame, and its equilibrium.
 
 The chain is second-order accurate in the element length. See `chain_kernels` for the energy.
 """
@@ -22,7 +22,7 @@ MOST_STEPS = 60
 class Peg:
     """A stiff stop at height y (m), which the point `place` (m) along the arm meets from below.
 
-    It is frictionless and pushes back with stiffness (N/m) times the penetration.
+    The stop is frictionless, and pushes back with stiffness (N/m) times the penetration.
     """
 
     place: float
@@ -45,15 +45,15 @@ class Push:
 class Chain:
     """The lab arm as a chain of n elements, in a batch of frames.
 
-    turning (frames, n + 1) rad: of the unloaded arm at every joint; joints are at the clamp,
-    between elements, and at the free end. rigidity (frames, 2) N m^2, before and after split
-    (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. The rest is due to
-    effects: rigidity_factors (frames, n + 1), one per joint; rest (frames, n) strain; line (n, 2)
-    or (frames, n, 2) N, the force of loads along the arm beyond the middle of every element;
-    axial_compliance 1/N and its growth with the strain; cubic m^2 and quintic m^4 of the moment;
-    clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; end_offset_across, end_offset_along
-    (m): offsets of the end force at the free end; peg; push. time (frames,) s, from the
-    beginning of the recording.
+    turning (frames, n + 1) rad: rotation of the unloaded arm at every joint; joints are at the
+    clamp, between elements, and at the free end. rigidity (frames, 2) N m^2, before and after
+    split (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. Effects give
+    the remaining fields: rigidity_factors (frames, n + 1), one per joint; rest (frames, n) strain;
+    line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle of every
+    element; axial_compliance 1/N, and its growth with the strain; cubic m^2 and quintic m^4 of the
+    moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; end_offset_across,
+    end_offset_along (m): offsets of the end force at the free end; peg; push. time (frames,) s,
+    from the beginning of the recording.
     """
 
     length: float
@@ -79,7 +79,7 @@ class Chain:
     time: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check the sizes; reject rigidities without an energy minimum."""
+        """Check the sizes; reject rigidities for which the energy has no minimum."""
         frames, joints = np.shape(self.turning)
         sizes = {
             'turning': (frames, joints),
@@ -101,7 +101,8 @@ class Chain:
             object.__setattr__(self, name, frozen_array(value, size))
         if not (np.all(self.rigidity > 0.0) and np.all(self.rigidity_factors > 0.0)):
             raise RequestError(
-                'the lab arm needs positive rigidity at all pressures', reason='singular_rigidity'
+                'the rigidity of the lab arm must be positive at all pressures',
+                reason='singular_rigidity',
             )
 
     @property
@@ -223,7 +224,7 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the equilibrium of the chain with a push along its normal, without the peg.
 
-    RequestError if arm and push keep turning each other without converging.
+    RequestError if the iteration between the arm and the direction of the push does not converge.
     """
     push = chain.push
     shape = free_shape(chain, start)
@@ -256,7 +257,8 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the equilibrium of the chain under its loads, with contact at its peg.
 
-    The peg acts on the joint nearest to its place, along -y. RequestError if no push balances.
+    The peg acts on the joint nearest to its place, along -y. RequestError if no force of the peg
+    balances the arm.
     """
     free, peg = pushed_shape(chain, start), chain.peg
     if peg is None or peg.stiffness <= 0.0:

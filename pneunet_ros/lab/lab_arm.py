@@ -26,14 +26,14 @@ class LabArm:
     targets (targets,) m along the arm; curvature_pressure (rows,) Pa and modes (rows, degree + 1)
     1/m: kappa0 = sum of modes[k] P_k(2 s / l - 1); law_pressure (rows,) Pa, split (rows,) l1 / l,
     rigidity (rows, 2) alpha = B / (mg l^2), positive. `seed` determines where targets are painted,
-    and also the parameters of an arm made by `vary_arm`.
+    and the parameters of an arm made by `vary_arm`.
     """
 
     name: str
     length: float = quantity(unit='m', meaning='length', bounds=(1e-3, 10.0))
     weight: float = quantity(unit='N', meaning='mg', bounds=(1e-6, 1e4))
     tip_cap: float = quantity(
-        0.0, unit='m', meaning='rigid part beyond the soft end', bounds=(0.0, 10.0)
+        0.0, unit='m', meaning='length of the rigid part beyond the soft end', bounds=(0.0, 10.0)
     )
     clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
     targets: Array
@@ -131,7 +131,7 @@ class LabArm:
 def vary_arm(arm: LabArm, seed: int) -> LabArm:
     """Return another arm of the same type: parameters up to 15 % off, targets repainted.
 
-    Seed 0 is the arm itself.
+    Seed 0 gives the same arm.
     """
     if seed == 0:
         return replace(arm, seed=0)

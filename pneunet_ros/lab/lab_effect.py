@@ -1,7 +1,7 @@
-"""The contract of effects in the virtual lab, independent of the model's effects.
+"""Interface of effects in the virtual lab, independent of the model's effects.
 
-Names and main parameters are those of the model, so that the truth can be compared. `richness` is
-the departure of an effect from the plain law of that name: 0 is the plain law.
+Names and main parameters are those of the model, so that results can be compared with the truth.
+`richness` says how far an effect departs from the plain law of that name: 0 is the plain law.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pneunet_ros.lab.lab_arm import LabArm
 
 Past = tuple[float, ...]  # what an effect remembers
 RICHNESS = quantity(
-    0.0, unit='-', meaning='how far beyond the plain law: 0 plain, 1 rich', bounds=(0.0, 2.0)
+    0.0, unit='-', meaning='departure from the plain law: 0 plain, 1 rich', bounds=(0.0, 2.0)
 )
 
 
@@ -27,8 +27,8 @@ RICHNESS = quantity(
 class Course:
     """Chamber pressure over a fine time grid (n,) s, with the states that depend on it.
 
-    pressure (n,) Pa at the sensor and chamber (n,) Pa behind the line, both true values; weights
-    (n, rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).
+    pressure (n,) Pa at the sensor, chamber (n,) Pa behind the line, both true values; weights (n,
+    rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).
     """
 
     arm: LabArm
@@ -59,11 +59,11 @@ class LabEffect(abc.ABC):
         return pressure, force
 
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
-        """Apply this effect to the course; also return its memory. past: () means at rest."""
+        """Apply this effect to the course; also return its memory; past: its memory before."""
         return course, past
 
     def resume(self, past: Past, rest: Array) -> Array:
-        """Return the history in the shape of the state at rest; () means at rest.
+        """Return the history of the effect, which has the shape of `rest`; () means at rest.
 
         Raises RequestError if it is the history of another arm.
         """
@@ -91,6 +91,6 @@ class LabEffect(abc.ABC):
 
 
 def relative_pressure(arm: LabArm, pressure: Array) -> Array:
-    """Return -1 to 1 from the lowest to the highest pressure of the arm."""
+    """Map pressures to -1 (lowest of the arm) to 1 (highest)."""
     low, high = arm.pressure_range
     return 2.0 * (pressure - low) / (high - low) - 1.0

@@ -1,8 +1,8 @@
 """Independent implementations of the effects for the virtual lab, and their table.
 
 The table is in the order of application: sensing, then history, then material and mechanics.
-Sensors invert in this order too: offset before gain, because true pressure = gain x reading +
-offset.
+Readings are computed in this order too: offset before gain, because true pressure = gain x reading
++ offset.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ class LabPressureOffset(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabForceMisalignment(LabEffect):
-    """True force = R(angle) reading; rich: a stronger pull straightens the sensor."""
+    """True force = R(angle) reading; rich: a stronger pull aligns the sensor."""
 
     name: ClassVar[str] = 'force_misalignment'
     angle: float = quantity(0.0, unit='rad', bounds=(-4.0, 4.0))
 
     def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
-        """Turn the force back."""
+        """Rotate the force back."""
         pull = np.hypot(force[:, 0], force[:, 1]) / arm.weight
         angle = self.angle * (1.0 + 0.3 * self.richness * (1.0 - pull))
         return pressure, turn(force, -angle)
@@ -80,7 +80,7 @@ class LabCameraScale(LabEffect):
     factor: float = quantity(1.0, unit='-', bounds=(0.1, 10.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Scale the image, more so at large x."""
+        """Scale the image, more strongly at large x."""
         tilt = 0.3 * self.richness * (2.0 * points[..., :1] / arm.length - 1.0)
         return freeze(points * (1.0 + (self.factor - 1.0) * (1.0 + tilt)))
 
@@ -93,20 +93,20 @@ class LabCameraRotation(LabEffect):
     angle: float = quantity(0.0, unit='rad', bounds=(-4.0, 4.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Rotate, more so at the end of the recording."""
+        """Rotate, more strongly towards the end of the recording."""
         angle = self.angle * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0))
         return turn(points, angle[:, None])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCameraDelay(LabEffect):
-    """A frame is stamped late; rich: the clock of the camera runs fast."""
+    """A frame is stamped late; rich: the camera clock runs fast."""
 
     name: ClassVar[str] = 'camera_delay'
     delay: float = quantity(0.0, unit='s', bounds=(-10.0, 10.0))
 
     def frame_delay(self, share: Array) -> Array:
-        """Return the delay, which grows during the recording."""
+        """Return the delay, which increases during the recording."""
         return freeze(self.delay * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0)))
 
 
@@ -135,7 +135,7 @@ class LabPressureLag(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabHysteresis(LabEffect):
-    """Play of full width on the chamber pressure; rich: three plays of mean width `width`."""
+    """Dead band of full width on the chamber pressure; rich: three, with mean width `width`."""
 
     name: ClassVar[str] = 'hysteresis'
     width: float = quantity(0.0, unit='Pa', bounds=(0.0, 1e6))
@@ -264,7 +264,7 @@ class LabGravity(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabClampCompliance(LabEffect):
-    """The clamp turns under its moment; rich: it stiffens."""
+    """The clamp rotates under its moment; rich: it stiffens."""
 
     name: ClassVar[str] = 'clamp_compliance'
     compliance: float = quantity(0.0, unit='rad/(N m)', bounds=(0.0, 1e4))
@@ -305,7 +305,7 @@ class LabContact(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCameraTilt(LabEffect):
-    """A camera tilted to the plane, by similar triangles about the base; rich: it tilts more."""
+    """A camera tilted against the plane, by similar triangles about the base; rich: more tilt."""
 
     name: ClassVar[str] = 'camera_tilt'
     tilt_x: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
@@ -320,7 +320,7 @@ class LabCameraTilt(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabLensDistortion(LabEffect):
-    """Radial lens distortion about the middle of the image; rich: with a fourth-power term."""
+    """Radial lens distortion about the image center; rich: with a fourth-power term."""
 
     name: ClassVar[str] = 'lens_distortion'
     radial: float = quantity(0.0, unit='1/m^2', meaning='< 0: barrel', bounds=(-1e4, 1e4))
@@ -341,7 +341,7 @@ class LabLensDistortion(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabInertia(LabEffect):
-    """The arm has mass: MuJoCo simulates it, as with the block `motion` of a scenario."""
+    """The arm has mass: MuJoCo simulates it, as for the block `motion` of a scenario."""
 
     name: ClassVar[str] = 'inertia'
     tip_mass: float = quantity(0.0, unit='kg', bounds=(0.0, 1e2))

@@ -60,7 +60,7 @@ class LabRecording:
 
     reading_stamp_ns, pressure (readings,): all pressure readings; wrench_stamp_ns, wrench_force
     (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none if the arm is never loaded
-    (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN where a target was
+    (`loaded` is False); stamp_ns (frames,), x, y (frames, targets): frames, NaN where a target was
     not seen. motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2:
     readings of an accelerometer at the clamp, in the base frame.
     """

@@ -1,7 +1,7 @@
 """The virtual lab in steps: commands in, readings out.
 
 It uses the arm, effects and sensors of `simulate`, and reproduces the same recordings under the
-same pressures and loads. There is no clock here: time is given with every step.
+same pressures and loads. It has no clock: every step is given the time.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Valve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """End load from the surroundings, in the base frame: force (N), moment (N m)."""
+    """End load from the environment, in the base frame: force (N), moment (N m)."""
 
     force_x: float = 0.0
     force_y: float = 0.0
@@ -121,9 +121,9 @@ class Load:
 class LiveState:
     """State of a live arm: time (s), true pressure (Pa) at the sensor, load.
 
-    course: since the previous state; past: memory of every effect; angles (rad) of the chain at
-    its last computed shape, the start for the next one. swing: of an arm with mass, which is
-    behind by `lag` (s).
+    course: the course since the previous state; past: memory of every effect; angles (rad) of the
+    chain at its last computed shape, from which the next one starts. swing: that of an arm with
+    mass, which is `lag` (s) behind.
     """
 
     time: float
@@ -138,9 +138,10 @@ class LiveState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveReading:
-    """Readings of pressure sensor (Pa) and force sensor (N, N m); no load reads as 0.
+    """Readings of the pressure sensor (Pa) and force sensor (N, N m); no load reads as 0.
 
-    imu (3,) m/s^2: of an accelerometer at the clamp, in the base frame; None: there is none.
+    imu (3,) m/s^2: reading of an accelerometer at the clamp, in the base frame; None: there is
+    none.
     """
 
     pressure: float
@@ -150,7 +151,7 @@ class LiveReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveLab:
-    """The arm of a scenario with valve and sensors in real time; the protocol is unused.
+    """The arm of a scenario, with valve and sensors, in real time; the protocol is not used.
 
     Drift, jitter and occlusions are omitted, because they belong to whole recordings. With a block
     `motion`, the base repeats its motion from the recording of the scenario forever, and MuJoCo
@@ -189,7 +190,7 @@ class LiveLab:
 
     @property
     def period(self) -> float:
-        """The time (s) in which the base repeats its motion."""
+        """Period (s) after which the base repeats its motion."""
         return float(self.scenario.protocol.duration)
 
     def reconfigure(self, state: LiveState) -> LiveState:
@@ -259,7 +260,7 @@ class LiveLab:
     def shape(self, state: LiveState) -> tuple[LiveState, ChainShape | MovingShape]:
         """Return the current shape (quasi-static without mass); RequestError if none is found.
 
-        The returned state keeps the shape as the start for the next one.
+        The returned state keeps the shape, from which the next one starts.
         """
         if self.run is not None:
             return state, self.run.shape(state.swing or self.run.resting)
@@ -332,7 +333,7 @@ class LiveLab:
     def tracked_points(
         self, shape: ChainShape | MovingShape, random: np.random.Generator
     ) -> Array:
-        """Return the targets as measured by a tracker, (targets, 2) m, NaN = not seen."""
+        """Return the targets as a tracker measures them, (targets, 2) m, NaN where not seen."""
         noise, points = self.scenario.noise, self.camera_points(shape)
         measured = points + noise.target_std * random.standard_normal(points.shape)
         measured[random.uniform(size=len(points)) < noise.dropout] = np.nan

@@ -1,6 +1,6 @@
-"""Motion block of a scenario: mass, damping, gravity, a turning base, a peg.
+"""The block `motion` of a scenario: mass, damping, gravity, a rotating base, a peg.
 
-A scenario with a block `motion` is simulated by MuJoCo, one without as a series of equilibria.
+MuJoCo simulates a scenario with this block; without it, the arm is always in equilibrium.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ class LabMotion:
     """Motion of the arm and its base; its mass is `arm.weight` / 9.80665 m/s^2.
 
     gravity_x, gravity_y: the unit vector that points down, in the base frame while the base rests;
-    zero: out of the plane. The base turns about the clamp through `turn_angle` (rad), and moves by
+    zero: out of the plane. The base rotates about the clamp by `turn_angle` (rad), and moves by
     `shift_x` and `shift_y` (m, along fixed axes), at `turn_share` of the recording, with minimum
     jerk in between. The peg is fixed to the base and has friction `peg_friction`; radius 0: no
-    peg. Without inertia the arm is always in equilibrium, as for the chain.
+    peg. Without inertia the arm is always in equilibrium, like the chain.
     """
 
     damping_time: float = quantity(
@@ -38,14 +38,14 @@ class LabMotion:
     shift_x: Row = (0.0, 0.0)
     shift_y: Row = (0.0, 0.0)
     inertia: float = quantity(
-        1.0, unit='-', meaning='0: the arm is in equilibrium all the time', bounds=(0.0, 1.0)
+        1.0, unit='-', meaning='0: the arm is always in equilibrium', bounds=(0.0, 1.0)
     )
     peg_x: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
     peg_y: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
     peg_radius: float = quantity(0.0, unit='m', meaning='0: no peg', bounds=(0.0, 10.0))
     peg_friction: float = quantity(0.0, unit='-', meaning='coefficient', bounds=(0.0, 10.0))
     radius: float = quantity(
-        0.007, unit='m', meaning='of the arm, where it touches the peg', bounds=(1e-6, 1.0)
+        0.007, unit='m', meaning='radius of the arm where it touches the peg', bounds=(1e-6, 1.0)
     )
     links: float = quantity(56.0, unit='-', meaning='hinges of the arm', bounds=(4.0, 400.0))
     timestep: float = quantity(1e-3, unit='s', meaning='of MuJoCo', bounds=(1e-6, 0.01))
@@ -116,7 +116,7 @@ class LabMotion:
         return freeze(pulls)
 
     def apparent_gravity(self, times: Array, duration: float) -> Array:
-        """Return the apparent gravity in the frame of the base, which also turns."""
+        """Return the apparent gravity in the frame of the base, which may rotate."""
         pulls = self.pull(times, duration).copy()
         angle = self.turn(freeze(times / duration))[0]
         cosine, sine = np.cos(angle), np.sin(angle)

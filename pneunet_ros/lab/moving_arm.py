@@ -1,6 +1,6 @@
 """The lab arm with mass, simulated by MuJoCo: a chain of hinges with the springs of the chain.
 
-A hinge represents two elements of a `Chain`, so that effects act on hinges as on the chain.
+A hinge represents two elements of a `Chain`, so that effects act on both in the same way.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def tip_velocity(shape: MovingShape, spin: Array, cap: float) -> Array:
 
 
 def rotated(vector: Array, angle: Array) -> Array:
-    """Return a vector (2,) turned counter-clockwise by angles (n,) rad, (n, 2)."""
+    """Rotate a vector (2,) counter-clockwise by angles (n,) rad; returns (n, 2)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y = vector
     return freeze(np.column_stack([cosine * x - sine * y, sine * x + cosine * y]))
@@ -168,7 +168,7 @@ class Hinges:
     """Springs and loads of the hinges of a chain, at its instants.
 
     stiffness (n, hinges) N m/rad, rest (n, hinges) rad, cubic (hinges,) 1/rad^2: the first hinge
-    is that of a compliant clamp, if any. weight (n, links + 1, 2) N: loads along the arm, one row
+    is a compliant clamp, if there is one. weight (n, links + 1, 2) N: loads along the arm, one row
     per link.
     """
 
@@ -196,8 +196,8 @@ class Hinges:
 def paired(joints: Array) -> Array:
     """Sum the contributions of joints (n, 2 links + 1) to each hinge, (n, links).
 
-    A hinge represents its own joint and half of those on either side; at the clamp and at the free
-    end, all of them.
+    A hinge represents its own joint and half of each neighboring joint; at the clamp and at the
+    free end, the whole neighboring joint.
     """
     shared = joints[:, ::2].copy()
     shared[:, 1:-1] *= 0.5
@@ -206,7 +206,7 @@ def paired(joints: Array) -> Array:
 
 
 def refuse_what_mujoco_cannot(chain: Chain) -> None:
-    """Raise RequestError for effects on the chain that hinges cannot represent."""
+    """Raise RequestError for effects that hinges in MuJoCo cannot represent."""
     refused = {
         'extensibility': chain.axial_compliance > 0.0,
         'pressure_elongation': chain.rest.any(),
@@ -228,7 +228,7 @@ class Run:
     """A MuJoCo simulation, starting at rest at the beginning of a recording."""
 
     def __init__(self, arm: LabArm, motion: LabMotion, chain_at: ChainAt, duration: float) -> None:
-        """Build the model, and find its equilibrium under the first loads."""
+        """Build the model, and find its equilibrium under the initial loads."""
         self.mujoco = load_mujoco()
         self.arm, self.motion, self.chain_at, self.duration = arm, motion, chain_at, duration
         self.links = int(motion.links)
@@ -275,7 +275,7 @@ class Run:
         )
 
     def add_surroundings(self, root: ElementTree.Element) -> None:
-        """Add the rotation of the base, and the peg, which rotates with it."""
+        """Add the rotation of the base, and the peg, which rotates with the base."""
         arm, motion = self.arm, self.motion
         base = root.find("worldbody/body[@name='base']")
         assert base is not None
@@ -309,7 +309,7 @@ class Run:
         return angle, freeze(rate / self.duration), freeze(acceleration / self.duration**2)
 
     def come_to_rest(self, chain: Chain) -> None:
-        """Move the arm to the equilibrium under its first loads, without the peg."""
+        """Move the arm to the equilibrium under its initial loads, without the peg."""
         base = float(self.base_at(np.zeros(1))[0][0])
         self.set_springs(0)
         self.data.qpos[self.dofs] = self.hinges.rest[0]
@@ -331,7 +331,7 @@ class Run:
                 )
 
     def set_springs(self, row: int) -> None:
-        """Set springs and damping to those of one instant."""
+        """Set springs and damping to those at one instant."""
         model, hinges, dofs = self.model, self.hinges, self.dofs
         stiffness, rest = hinges.stiffness[row], hinges.rest[row]
         bend = self.data.qpos[dofs] - rest
@@ -342,7 +342,7 @@ class Run:
         model.dof_damping[dofs] = damping * stiffness * (1.0 + 3.0 * hinges.cubic * bend**2)
 
     def set_loads(self, chain: Chain, row: int) -> None:
-        """Apply the forces of one instant to all links, at the positions in `data`."""
+        """Apply the forces at one instant to all links, at the positions in `data`."""
         qpos = self.data.qpos
         base = float(qpos[0]) if self.turning else 0.0
         bend_angles = np.cumsum(qpos[self.dofs])
@@ -390,7 +390,7 @@ class Run:
             self.check(float(begins[-1]) + step)
 
     def steps(self, chain_at: ChainAt, begins: Array, of_base: Array) -> Iterator[Swing]:
-        """Step at times (n,) s, with others for the base; yield the joints before each step."""
+        """Step at times (n,) s, the base at its own times; yield the joints before each step."""
         # Springs and loads of a step are those in its middle.
         chain = chain_at(freeze(begins + 0.5 * self.motion.timestep))
         self.hinges = Hinges(chain, self.links)
@@ -404,7 +404,7 @@ class Run:
     def follow(self, swing: Swing, chain_at: ChainAt, begins: Array, since: float) -> Swing:
         """Return the motion of an arm by steps starting at times (n,) s of a chain.
 
-        since (s): origin of these times; the base repeats its motion forever.
+        since (s): origin of these times. The base repeats its motion forever.
         """
         self.data.qpos[:], self.data.qvel[:] = swing
         self.data.qacc_warmstart[:] = 0.0
@@ -440,7 +440,7 @@ class Run:
 
     @property
     def joints(self) -> Swing:
-        """Angles (rad) and rates (rad/s) of the hinges, and of the clamp if it gives."""
+        """Angles (rad) and rates (rad/s) of the hinges, and of the clamp if it is compliant."""
         return self.data.qpos[self.dofs].copy(), self.data.qvel[self.dofs].copy()
 
     def state(self, angles: Array, rates: Array) -> tuple[Array, Array]:
@@ -476,19 +476,19 @@ class Run:
         for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC):
             if self.data.warning[int(kind)].number:
                 raise RequestError(
-                    f'the MuJoCo simulation diverges before {time:.3g} s: make motion.timestep '
-                    f'({self.motion.timestep:g} s) shorter',
+                    f'the MuJoCo simulation diverges before {time:.3g} s: reduce motion.timestep '
+                    f'({self.motion.timestep:g} s)',
                     reason='diverges',
                 )
 
 
 def in_heading(heading: float, forward: float, leftward: float) -> Array:
-    """Return the vector (2,) forward and to the left of a heading (rad)."""
+    """Return a vector (2,) given forward and to the left of a heading (rad)."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.array([forward * cosine - leftward * sine, forward * sine + leftward * cosine])
 
 
 def add_force(force: Array, torque: Array, link: int, applied: Array, lever: Array) -> None:
-    """Add a force (2,) N acting at a lever (2,) m from the center of mass of a link."""
+    """Add a force (2,) N with a lever (2,) m from the center of mass of a link."""
     force[link] += applied
     torque[link] += lever[0] * applied[1] - lever[1] * applied[0]

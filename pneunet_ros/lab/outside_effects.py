@@ -1,4 +1,4 @@
-"""Effects of the virtual lab that the model does not have, and their table.
+"""Effects of the virtual lab that the model cannot have, and their table.
 
 A diagnosis must not confuse them with a known effect. None has the setting `richness`.
 """
@@ -49,7 +49,7 @@ class LabHarmlessMismatch(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabWeakChamber(LabEffect):
-    """One weak chamber: softer and less bent over a short part, growing with the cube of p.
+    """One weak chamber: softer and less bent over a short part, increasingly with the cube of p.
 
     rigidity_loss (share) and curvature_dip (1/m) are the values in its middle at the largest
     pressure; they fall off like a Gaussian.
@@ -78,7 +78,7 @@ class LabWeakChamber(LabEffect):
 class LabPeriodicDisturbance(LabEffect):
     """The intrinsic curvature oscillates, unmeasured: x (1 + amplitude sin(2 pi t / period)).
 
-    Time counts from the beginning of every recording.
+    Time starts at the beginning of every recording.
     """
 
     name: ClassVar[str] = 'periodic_disturbance'
@@ -97,8 +97,10 @@ class LabTouchingPeg(LabEffect):
 
     name: ClassVar[str] = 'touching_peg'
     stiffness: float = quantity(0.0, unit='N/m', bounds=(0.0, 1e5))
-    place: float = quantity(0.6, unit='-', meaning='of what touches, s / l', bounds=(0.05, 1.0))
-    height: float = quantity(0.02, unit='m', meaning='of the stop, y', bounds=(-10.0, 10.0))
+    place: float = quantity(
+        0.6, unit='-', meaning=('s / l of the place that touches'), bounds=(0.05, 1.0)
+    )
+    height: float = quantity(0.02, unit='m', meaning='y of the stop', bounds=(-10.0, 10.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Add the stop."""
@@ -110,11 +112,11 @@ class LabTouchingPeg(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabPush(LabEffect):
-    """An object pushes the arm at one place, along the normal there, see `Push`.
+    """An object pushes the arm at one place, along the normal there (see `Push`).
 
     The push acts from `begins` to `ends` (seconds from the start of the recording), with ramps of
-    duration `ramp`, and repeats with the period `every`. The end of a push without `ramp` plucks
-    an arm that has mass. In a live lab a push that begins at 0 acts all the time.
+    duration `ramp`, and repeats with the period `every`. When a push without `ramp` ends, an arm
+    that has mass is plucked. In a live lab, a push that begins at 0 acts all the time.
     """
 
     name: ClassVar[str] = 'push'
@@ -124,10 +126,12 @@ class LabPush(LabEffect):
     place: float = quantity(0.6, unit='-', meaning='s / l', bounds=(0.02, 1.0))
     begins: float = quantity(0.0, unit='s', meaning='of the recording', bounds=(0.0, 1e8))
     ends: float = quantity(math.inf, unit='s', meaning='of the recording', bounds=(0.0, math.inf))
-    ramp: float = quantity(0.0, unit='s', meaning='of its rise and fall', bounds=(0.0, 1e5))
+    ramp: float = quantity(
+        0.0, unit='s', meaning=('duration of its rise and fall'), bounds=(0.0, 1e5)
+    )
 
     every: float = quantity(
-        math.inf, unit='s', meaning='from push to push', bounds=(1e-3, math.inf)
+        math.inf, unit='s', meaning='time from one push to the next', bounds=(1e-3, math.inf)
     )
 
     def force_at(self, time: Array) -> Array:
@@ -157,7 +161,7 @@ class LabPulley(LabEffect):
     eye_y: float = quantity(0.0, unit='m', bounds=(-1e3, 1e3))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
-        """Iterate on the direction to the pulley until the tip is stationary."""
+        """Iterate on the direction of the pulley until the tip is stationary."""
         if math.isinf(self.eye_x):
             return chain
         tension = np.linalg.norm(chain.force, axis=1, keepdims=True)
@@ -172,7 +176,7 @@ class LabPulley(LabEffect):
             chain = replace(chain, force=freeze(force))
         raise RequestError(
             f'the tip of the lab arm does not come to rest under its string to {self.eye_x:g}, '
-            f'{self.eye_y:g} m: move the pulley further away, or pull less',
+            f'{self.eye_y:g} m: move the pulley further away, or reduce the pull',
             reason='no_equilibrium',
         )
 
@@ -187,7 +191,7 @@ class LabSlippingBase(LabEffect):
     moment: float = quantity(0.5, unit='-', meaning='of the recording', bounds=(0.0, 1.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Shift the later frames; under a given end load, a shift has no other effect."""
+        """Shift the later frames; with a given end load, a shift has no other effect."""
         slipped = (share >= self.moment)[:, None, None]
         return freeze(points + slipped * np.array([self.slip_x, self.slip_y]))
 

@@ -1,4 +1,4 @@
-"""Protocols of the lab, which last exactly for their duration.
+"""Protocols of the lab, which last exactly as long as their duration.
 
 Steps are ramps of finite duration. If the force is exactly zero, nothing is attached to the arm.
 """
@@ -36,12 +36,12 @@ def newtons(default: float, meaning: str) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Protocol(abc.ABC):
-    """A protocol: `kind` as in the scenario file; fields without unit are lists."""
+    """A protocol: `kind` as in the scenario file; fields without a unit are lists."""
 
     kind: ClassVar[str]
-    duration: float = seconds(40.0, 'of all of it')
-    rest: float = seconds(1.6, 'at pressure 0 without a load, first of all')
-    ramp: float = seconds(0.6, 'from hold to hold')
+    duration: float = seconds(40.0, 'duration of the protocol')
+    rest: float = seconds(1.6, 'initial rest, at pressure 0 without a load')
+    ramp: float = seconds(0.6, 'ramp from one hold to the next')
 
     def __post_init__(self) -> None:
         """Check times, pressures and forces."""
@@ -59,14 +59,14 @@ class Protocol(abc.ABC):
         """Return the course of pressure and load; RequestError if it exceeds `duration`."""
 
     def holds(self, count: int, ramps: int) -> float:
-        """Return the duration (s) of each of this many holds, given the ramps and rests."""
+        """Return the duration (s) of each of this many holds, besides ramps and rest."""
         remaining = self.duration - self.rest - ramps * self.ramp
         return share_of_time(remaining, count, SHORTEST, 'holds')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlowRamp(Protocol):
-    """Unloaded: slowly up, a short hold, slowly down again, a rest."""
+    """Unloaded: a slow rise, a short hold, a slow fall, and a rest."""
 
     kind: ClassVar[str] = 'slow_ramp'
     top: float = pascals(55e3, 'largest pressure')
@@ -113,7 +113,9 @@ class DeadWeights(Protocol):
     kind: ClassVar[str] = 'dead_weights'
     pressures: Row = (5e3, 20e3, 35e3, 50e3)  # holds with every weight, Pa
     weights: Row = (0.1, 0.2, 0.3)  # pull of the string, N
-    angle: float = quantity(0.6, unit='rad', meaning='of the pull, from E1', bounds=(-7.0, 7.0))
+    angle: float = quantity(
+        0.6, unit='rad', meaning=('direction of the pull, from E1'), bounds=(-7.0, 7.0)
+    )
 
     def timeline(self) -> Timeline:
         """Return the steps."""
@@ -157,8 +159,8 @@ class ForceSweeps(Protocol):
 class Strings(Protocol):
     """Two strings at the free end, with new tensions at every pressure, starting with the first.
 
-    Their forces are resolved to the base frame by their angles from E1: 0 and pi/2 where they are
-    already the F_A and F_B of Table 1.
+    Their angles from E1 give the force in the base frame: with 0 and pi/2, the tensions are the
+    F_A and F_B of Table 1.
     """
 
     kind: ClassVar[str] = 'strings'
@@ -167,7 +169,7 @@ class Strings(Protocol):
     pull_b: Row = (0.0, 0.07)  # of the other string at each pressure, N
     angle_a: float = quantity(0.0, unit='rad', meaning='of string a', bounds=(-7.0, 7.0))
     angle_b: float = quantity(
-        0.5 * math.pi, unit='rad', meaning='of string b, from E1', bounds=(-7.0, 7.0)
+        0.5 * math.pi, unit='rad', meaning='direction of string b, from E1', bounds=(-7.0, 7.0)
     )
 
     def timeline(self) -> Timeline:
@@ -196,7 +198,7 @@ class Strings(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RandomMix(Protocol):
-    """Ramps of random length to random pressures and forces, with a hold after about every second.
+    """Ramps of random length to random pressures and forces, with holds after about half of them.
 
     If both largest forces are 0, the arm is unloaded. `seed` affects only the protocol.
     """

@@ -51,7 +51,9 @@ class Scenario:
 
     name: str
     seed: int = 0
-    start: float = quantity(0.0, unit='s', meaning='when the recording begins', bounds=(0.0, 1e8))
+    start: float = quantity(
+        0.0, unit='s', meaning=('lab time at which the recording begins'), bounds=(0.0, 1e8)
+    )
     arm: LabArm
     effects: tuple[LabEffect, ...] = ()
     protocol: Protocol
@@ -81,7 +83,7 @@ class Scenario:
                 object.__setattr__(self, 'motion', motion)
 
     def with_effects(self, changes: Changes) -> Scenario:
-        """Return this scenario with parameters of effects set; missing effects are added."""
+        """Return this scenario with parameters of effects changed; missing effects are added."""
         effects = {effect.name: effect for effect in self.effects}
         for name, parameters in changes.items():
             known = effects.get(name)

@@ -31,13 +31,13 @@ class LabNoise:
     moment_std: float = quantity(1e-5, unit='N m', meaning='white, a reading', bounds=_SIZE)
     target_std: float = quantity(5e-5, unit='m', meaning='white, a coordinate', bounds=_SIZE)
     placement_std: float = quantity(
-        5e-5, unit='m', meaning='per target, for good, turns with the arm', bounds=_SIZE
+        5e-5, unit='m', meaning='per target, permanent, rotates with the arm', bounds=_SIZE
     )
     row_offset: float = quantity(
-        0.0, unit='m', meaning='of all targets, across the arm: beside the neutral line'
+        0.0, unit='m', meaning='of all targets, across the arm: offset from the neutral line'
     )
     row_spacing: float = quantity(
-        0.0, unit='-', meaning='of all targets, along the arm: more than their places say'
+        0.0, unit='-', meaning='of all targets, along the arm: error of the spacing'
     )
     registration_std: float = quantity(
         1e-4, unit='m', meaning='of the camera, per recording', bounds=_SIZE
@@ -46,14 +46,17 @@ class LabNoise:
         5e-5, unit='m', meaning='of the camera, at the end of a recording', bounds=_SIZE
     )
     imu_std: float = quantity(
-        0.02, unit='m/s^2', meaning='white, a component of the accelerometer', bounds=_SIZE
+        0.02,
+        unit='m/s^2',
+        meaning=('white noise of each component of the accelerometer'),
+        bounds=_SIZE,
     )
     jitter_std: float = quantity(5e-4, unit='s', meaning='of stamps', bounds=(0.0, 1.0))
     dropout: float = quantity(
-        0.003, unit='-', meaning='share of sightings that fail', bounds=(0.0, 0.9)
+        0.003, unit='-', meaning='share of targets that are not seen', bounds=(0.0, 0.9)
     )
     occlusions: float = quantity(
-        0.05, unit='1/s', meaning='how often something hides targets', bounds=(0.0, 100.0)
+        0.05, unit='1/s', meaning='how often an occluder hides targets', bounds=(0.0, 100.0)
     )
 
     def __post_init__(self) -> None:
@@ -73,7 +76,7 @@ class Rates:
     pressure: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
     wrench: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
     frames: float = quantity(10.0, unit='Hz', bounds=(0.1, 1e4))
-    imu: float = quantity(0.0, unit='Hz', meaning='0: there is none', bounds=(0.0, 1e4))
+    imu: float = quantity(0.0, unit='Hz', meaning='0: no such sensor', bounds=(0.0, 1e4))
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -81,12 +84,12 @@ class Rates:
 
 
 def random_stream(name: str, *seeds: int) -> np.random.Generator:
-    """Return the random numbers of this name and these seeds."""
+    """Return the random numbers for this name and these seeds."""
     return np.random.default_rng([zlib.crc32(name.encode()), *seeds])
 
 
 def regular_times(rate: float, duration: float, offset: float = 0.0) -> Array:
-    """Return the times (s) of sensor readings, the first after `offset` of a period."""
+    """Return the times (s) of sensor readings, the first after `offset` periods."""
     count = int(np.floor(rate * duration + 1e-9))
     if not count:
         return freeze(np.zeros(0))
@@ -109,7 +112,8 @@ def draw_stamps(
 def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) -> Array:
     """Return placement errors (targets, 2) m of targets at places (targets,) m.
 
-    They are along and across the arm, independent for each target, plus those of the whole row.
+    The errors are along and across the arm: independent ones for each target, plus those of the
+    whole row.
     """
     row = np.column_stack([noise.row_spacing * places, np.full(places.size, noise.row_offset)])
     return freeze(row + noise.placement_std * random.standard_normal((places.size, 2)))

@@ -1,4 +1,4 @@
-"""The virtual lab at work: scenario -> recording with known truth.
+"""The virtual lab: from a scenario to a recording with known ground truth.
 
 Pressure and load come from the protocol. Effects with a history are integrated in small time
 steps; at every camera frame the shape is that of a chain in equilibrium, or of MuJoCo if the
@@ -40,7 +40,7 @@ FRAME_OFFSET = 0.25  # frames by which the camera starts after the other sensors
 def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:
     """Return the recording of a scenario; bit-reproducible.
 
-    memory: of the arm, from an earlier recording (`LabRecording.memory`); without one the arm is
+    memory of the arm from an earlier recording (`LabRecording.memory`); without it, the arm is
     unconditioned (no prior loading) and at rest. Raises RequestError if protocol and arm do not
     match, or if the arm finds no equilibrium.
     """
@@ -86,7 +86,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
 
 
 def check_size(scenario: Scenario) -> None:
-    """Reject a recording too large for memory before computing it."""
+    """Reject a recording that is too large for memory, before computing it."""
     seconds, rates = scenario.protocol.duration, scenario.rates
     frames = rates.frames * seconds
     moving = (
@@ -123,7 +123,7 @@ def check_pressures(scenario: Scenario, events: Timeline) -> None:
 
 
 def random_of(scenario: Scenario, name: str) -> np.random.Generator:
-    """Return the random numbers of this name in this recording."""
+    """Return the random numbers for this name in this recording."""
     return random_stream(f'{scenario.name}/{name}', scenario.seed)
 
 
@@ -153,7 +153,7 @@ def follow_arm(
 def apply_effects(
     scenario: Scenario, time: Array, pressure: Array, past: dict[str, Past]
 ) -> tuple[Course, dict[str, Past]]:
-    """Apply all effects in order, from their previous states."""
+    """Apply all effects in order, starting from their previous states."""
     pressure = freeze(pressure)
     course = Course(
         arm=scenario.arm,
@@ -174,7 +174,7 @@ def shape_of(
 ) -> tuple[ChainShape | MovingShape, MotionTruth | None, Array]:
     """Return the shapes of the arm at times (n,) s, in equilibrium or simulated by MuJoCo.
 
-    Also returns the end forces (n, 2) N after effects.
+    Also returns the end forces (n, 2) N including effects.
     """
     motion = scenario.motion
     if motion is None or not motion.inertia:
@@ -200,7 +200,7 @@ def for_mujoco(scenario: Scenario) -> Scenario:
 
 
 def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
-    """Return a chain under its own weight; pulls (frames, 2) m/s^2: in the frame of the base."""
+    """Return a chain under its own weight; pulls (frames, 2) m/s^2, in the frame of the base."""
     arm, motion = scenario.arm, scenario.motion
     assert motion is not None
     beyond = arm.weight / STANDARD_GRAVITY * (1.0 - chain.middles / chain.length)
@@ -246,8 +246,8 @@ def painted_targets(
 ) -> tuple[Array, Array]:
     """Return x, y (m) of misplaced targets, each (frames, targets).
 
-    spacing: the part of the errors proportional to arclength, applied along the arm. The rest is
-    small, and applied along the tangent.
+    spacing: the part of the errors that is proportional to arclength, applied along the arm. The
+    remaining errors are small, and applied along the tangent.
     """
     x, y, theta = shape.points(places * (1.0 + spacing))
     cosine, sine = np.cos(theta), np.sin(theta)

@@ -16,7 +16,7 @@ from pneunet_ros.core.errors import RequestError
 class Timeline:
     """Corner points (k,) of time (s from 0), true pressure (Pa) and force (k, 2) N.
 
-    `loaded`: a load is attached at some time, so the force is measured.
+    `loaded`: whether a load is attached at some time, so that the force is measured.
     """
 
     time: Array
@@ -72,8 +72,8 @@ def share_of_time(remaining: float, parts: int, shortest: float, name: str) -> f
     part = remaining / parts
     if part < shortest:
         raise RequestError(
-            f'protocol: {name} would last {part:.2f} s each, but at least {shortest:g} s is '
-            'needed: make the duration longer or the protocol simpler',
+            f'protocol: each of the {name} would last {part:.2f} s, but at least {shortest:g} s '
+            'is needed: increase the duration or simplify the protocol',
             reason='too_short',
         )
     return part

@@ -25,26 +25,32 @@ class IdleSensorSettings:
     reach: float = tuning(
         4.0, 'largest reading of an idle sensor', unit='sigma', source='convention'
     )
-    chance: float = tuning(0.01, 'probability that noise alone exceeds it in a long recording')
+    chance: float = tuning(0.01, 'probability that noise alone exceeds this in a long recording')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriggerSettings:
     """Criteria for a camera that is triggered together with the readings."""
 
-    same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
-    share: float = tuning(0.95, 'share of the frames that must be as near')
+    same_instant: float = tuning(
+        0.1, 'largest distance of a frame from its reading', unit='period'
+    )
+    share: float = tuning(0.95, 'share of the frames that must be this near')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureJumpSettings:
     """Criteria for a pressure step between two readings, at an unknown time."""
 
-    noise: float = tuning(8.0, 'size of a jump that noise does not explain', unit='sigma')
-    span: float = tuning(0.01, 'least jump that matters', unit='of the span of the readings')
-    neighbors: float = tuning(3.0, 'ratio of a jump to the changes next to it', source='invented')
+    noise: float = tuning(8.0, 'smallest jump that noise does not explain', unit='sigma')
+    span: float = tuning(0.01, 'smallest jump that matters', unit='of the span of the readings')
+    neighbors: float = tuning(
+        3.0, 'smallest ratio of a jump to the changes next to it', source='invented'
+    )
     certain: float = tuning(
-        0.1, 'distance from a reading within which a frame shows its value', unit='of the change'
+        0.1,
+        'distance from a reading within which a frame shows the value of that reading',
+        unit='of the change',
     )
 
 
@@ -121,10 +127,12 @@ class RecordingData:
             object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
         for name in ('reading_stamp_ns', 'stamp_ns'):
             if not np.all(np.diff(getattr(self, name)) > 0):
-                raise RecordingError(f'{self.name}: {name} must increase', reason='not_increasing')
+                raise RecordingError(
+                    f'{self.name}: {name} must be increasing', reason='not_increasing'
+                )
         if not (np.all(self.reading >= 0) and np.all(self.reading < readings)):
             raise RecordingError(
-                f'{self.name}: a frame belongs to a reading that is not there',
+                f'{self.name}: a frame belongs to a reading that does not exist',
                 reason='wrong_order',
             )
 
@@ -144,7 +152,7 @@ class RecordingData:
         )
 
     def with_end_load(self, force_x: float, force_y: float) -> RecordingData:
-        """Return the run under a known constant end load (N, base frame) without a sensor."""
+        """Return the run under a known constant end load (N, base frame), without a sensor."""
         frames = len(self.stamp_ns)
         force = np.tile([force_x, force_y], (frames, 1))
         return replace(
@@ -166,7 +174,7 @@ class RecordingData:
         )
 
     def idle_reach(self, settings: IdleSensorSettings = IDLE_SENSOR) -> float:
-        """Return the largest noise (sigma) to expect of an idle sensor in a run of this length."""
+        """Return the largest noise (sigma) expected of an idle sensor in a run of this length."""
         values = 3 * len(self.stamp_ns)
         return max(settings.reach, -NormalDist().inv_cdf(0.5 * settings.chance / values))
 
@@ -178,7 +186,7 @@ class RecordingData:
         return self.subset(np.unique(np.linspace(0, frames - 1, most).astype(np.int64)))
 
     def subset(self, kept: npt.NDArray[np.int64]) -> RecordingData:
-        """Return the run with only these frames, given in increasing order."""
+        """Return the run with only these frames, in increasing order."""
         cut = {
             name: getattr(self, name)[kept]
             for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
@@ -191,8 +199,9 @@ class RecordingData:
     def at_instants(self, delay: float) -> RecordingData:
         """Return the run with readings taken `delay` (s) before the stamp of each frame.
 
-        Pressure and load are interpolated linearly; static frames have no time. A frame keeps the
-        noise of its own load reading, to which the change of the line through `wrench` is added.
+        Pressure and load are interpolated linearly; static frames have no time. The load of a
+        frame is its own reading, with the noise of that reading, plus the change of the
+        interpolated `wrench`.
         """
         if self.static:
             return self
@@ -287,7 +296,7 @@ class RecordingData:
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
     """Return runs thinned by a common factor to at most this many frames in total.
 
-    An hour of film shows the same shapes again and again, mostly of an arm at rest.
+    An hour of film shows the same shapes many times, mostly of an arm at rest.
     """
     frames = sum(len(run.stamp_ns) for run in runs)
     if frames <= most:
@@ -346,8 +355,8 @@ def frames_in_jumps(
     """Return the frames (frames,) taken during a pressure jump between two readings.
 
     shown (ns): times of the frames; stamp_ns (readings,) and pressure (readings,) Pa. Such a frame
-    shows the pressure before or after the jump, and no value in between: linear interpolation is
-    wrong by up to the whole jump.
+    shows the arm at the pressure before or after the jump, not at a value in between: linear
+    interpolation is wrong by up to the whole jump.
     """
     if len(stamp_ns) < 4:
         return np.zeros(len(shown), np.bool_)

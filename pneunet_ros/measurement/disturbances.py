@@ -3,9 +3,9 @@
 Placement is constant per target along the tangent and normal of the arm: dots are painted on the
 arm and turn with it. The camera has its own position in every recording, and drifts slowly. A
 known load without a sensor, such as a weight, has the same error throughout its recording: as an
-error of each frame it would hide the dependence of the stiffness on the pressure. All are unknowns
-with a known prior; together with the noise of pressure and force they are the reason why residuals
-are not white (METHODS: white noise of the right total size is wrong).
+error of each frame, it would hide the dependence of the stiffness on the pressure. All of these
+are unknowns with a known prior; together with the noise of pressure and force, they are the reason
+why residuals are not white.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ class Disturbances:
     def origin(self, disturbance: Array) -> Array:
         """Return the origin of the base frame for these unknowns (n,): (2,) m.
 
-        It is the common part of the images of all runs; smaller with fewer runs.
+        The origin is the displacement that the images of all runs have in common; with fewer runs
+        it is smaller.
         """
         paths = disturbance[2 * self.targets :].reshape(len(self.runs), RUN_UNKNOWNS)
         mean_shift = (
@@ -87,7 +88,7 @@ class Disturbances:
     def root_of_run(self, which: int) -> Array:
         """Return the lower root (RUN_UNKNOWNS, RUN_UNKNOWNS) of the prior with the common origin.
 
-        If an effect is missing, the origin found without it is wrong as well.
+        The origin is included because it is wrong too if an effect is missing.
         """
         unknowns = self.of_run(which)[2 * self.targets :]
         return np.asarray(np.linalg.cholesky(self.prior[np.ix_(unknowns, unknowns)]))
@@ -107,8 +108,9 @@ class Disturbances:
 def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
     """Return the prior covariance (2 targets, 2 targets) m^2 of the painted positions.
 
-    arclength (targets,) m. Along the arm first, then across it: independent errors of each target,
-    and an offset of the whole row from the neutral line and an error of its spacing.
+    arclength (targets,) m. The positions along the arm come first, then those across it. The
+    errors are independent ones of each target, an offset of the whole row from the neutral line,
+    and an error of its spacing.
     """
     placement_std, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
     sizes = np.array([noise.row_spacing_std, noise.row_offset_std])
@@ -118,9 +120,9 @@ def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
 def row_shifts(arclength: Array) -> Array:
     """Return the displacements (2 targets, 2) m of targets along and across the arm.
 
-    They are per relative spacing error of the row, and per offset of the row from the neutral
-    line, relative to the arclength of the last target. arclength (targets,) m. Fewer than three
-    targets beyond the clamp are not a row: each was placed independently.
+    The columns are for a relative error of the spacing, and for an offset of the row from the
+    neutral line relative to the arclength of the last target. arclength (targets,) m. Fewer than
+    three targets beyond the clamp are not a row: each was placed independently.
     """
     targets = arclength.size
     shifts = np.zeros((2 * targets, 2))
@@ -131,7 +133,7 @@ def row_shifts(arclength: Array) -> Array:
 
 
 def origin_std(noise: SensorNoise, arclength: Array) -> float:
-    """Return one sigma (m) of the origin across the arm, which may be defined by the row."""
+    """Return one sigma (m) of the origin across the arm, which the row may define."""
     _, shift = row_shifts(arclength).T
     return float(noise.row_offset_std * np.max(shift, initial=0.0))
 
@@ -151,7 +153,7 @@ def path_prior(noise: SensorNoise) -> Array:
 def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
     """Return one sigma of F1, F2 (N) and M (N m) of a known load, (3,); zero without one.
 
-    It equals that of the sensor; a load of exactly zero has no error.
+    It is the sigma of the sensor; a load of exactly zero has no error.
     """
     if not (run.load_known and run.load.any()):
         return np.zeros(LOADS)
@@ -159,7 +161,7 @@ def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
 
 
 def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inputs:
-    """Return the inputs with the error of a known load; disturbance: the unknowns of `of_run`."""
+    """Return the inputs with the error of a known load; disturbance: unknowns as in `of_run`."""
     return inputs.with_loads(inputs.loads + disturbance[-LOADS:]) if run.load_known else inputs
 
 
@@ -181,7 +183,7 @@ def camera_path(run: RecordingData, disturbance: Array) -> Array:
 def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
     """Return the derivatives of the image by the unknowns of `of_run`, (frames, 2, targets, n).
 
-    For a load they are zero: it moves the arm instead.
+    Those of a load are zero, because a load moves the arm, not the image.
     """
     placement = targets.jacobian()
     start = placement.shape[-1]
@@ -203,9 +205,9 @@ def path_weights(progress: Array) -> Array:
 def tilt_jacobian(points: Array, length: float) -> Array:
     """Return derivatives of points (frames, 2, targets) m by the tilt, (.., 2 targets, 2).
 
-    To first order, a tilted plane has a scale that changes in proportion to x and to y, here about
-    the middle of the straight arm, where it is unchanged. The tilt is the change of scale over the
-    length, along x and along y.
+    To first order, the scale of a tilted plane changes in proportion to x and y; here it is
+    unchanged at the middle of the straight arm. The tilt is the change of scale over the length,
+    along x and along y.
     """
     frames, _, targets = points.shape
     scale_changes = points / length - np.array([[0.5], [0.0]])

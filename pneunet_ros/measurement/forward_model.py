@@ -2,8 +2,8 @@
 
 The Jacobian is with respect to every input of the rod (loads, knots of the curvature table,
 rigidities, split, ...); the chain rule gives that of a parameter. The solver is the same as in the
-live estimator. Frames start from their own last solution, or at first from the measured shape,
-because a soft arm may have several equilibria under a load, and the observed one is wanted.
+live estimator. The search in a frame starts from its last solution, or at first from the measured
+shape, because a soft arm may have several equilibria under a load, and the observed one is wanted.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class ForwardModel:
         return self.every_field[:, THETA][:, np.searchsorted(self.stations, self.push_place)]
 
     def solve_on_mesh(self, arm: Arm, rods: Rods, loads: Array) -> None:
-        """Solve on a mesh that resolves the solutions; frames too fine for it stay unsolved."""
+        """Solve on a mesh that resolves the solutions, except frames that need a finer one."""
         while True:
             self.solve_frames(arm, rods, loads)
             if not np.any(self.detail[self.solved] > SOLVER.finest_detail * arm.length):
@@ -216,7 +216,7 @@ class ForwardModel:
         return as_points(self.rod_jacobian(arm, inputs, none, knot_rotation(arm)[:0]))
 
     def point_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
-        """Return derivatives of points by inputs of `jacobian`, (frames, 2 stations, inputs)."""
+        """Return derivatives of points by the `jacobian` inputs, (frames, 2 stations, inputs)."""
         return as_points(self.jacobian(arm, inputs, columns))
 
     def jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
@@ -247,7 +247,7 @@ class ForwardModel:
     def single_jacobian(
         self, rods: Rods, loads: Array, columns: Columns, rotation: Array
     ) -> Array:
-        """Return derivatives of true fields by inputs of the records, with turning pushes."""
+        """Return derivatives of true fields by inputs of the records, with pushes that rotate."""
         pushed = np.flatnonzero(rods.push.any(axis=(0, 1)))
         push_columns = [
             [section, column] for column in (LOAD_X, LOAD_Y) for section in pushed.tolist()
@@ -280,8 +280,8 @@ class ForwardModel:
     def difference(self, arm: Arm, low: Inputs, high: Inputs) -> Array:
         """Return the displacement of the points and the last heading, (frames, 2 stations + 1).
 
-        It is from one input to another, both near those of the solutions; NaN if either has no
-        shape.
+        The displacement is that from one input to another, both near those of the solutions; NaN
+        if either has no shape.
         """
         sides = []
         for inputs in (low, high):
@@ -307,10 +307,10 @@ class ForwardModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pieces:
-    """Map from columns of the law's sections to columns of records that effects may have split.
+    """Map from columns of the law's sections to columns of records, which effects may have split.
 
-    columns (k, 2): of the records; shares (frames, columns of the law, k): derivative of each by a
-    column of the law.
+    columns (k, 2): those of the records; shares (frames, columns of the law, k): derivative of
+    each by a column of the law.
     """
 
     columns: Columns
@@ -323,7 +323,7 @@ class Pieces:
 
 
 def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
-    """Return the columns of the records that depend on columns of the sections of the law."""
+    """Return how columns of the law's sections map to columns of the records."""
     base, _ = arm.table.at(rods.pressure)
     owner = owners(base, rods.sections)
     first = np.diff(owner, axis=1, prepend=-1) != 0

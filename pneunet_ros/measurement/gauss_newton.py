@@ -1,7 +1,7 @@
 """Damped Gauss-Newton search: full steps, halved until they lower the cost.
 
-If unknowns have bounds, the full step is the best one within them: a step that is clipped
-afterwards may not lower the cost, and the search would get stuck.
+If unknowns have bounds, the full step is the best one within the bounds: a step that is clipped
+afterwards may not lower the cost, so that the search gets stuck.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Trial = TypeVar('Trial')
 class End(Enum):
     """Result of a search."""
 
-    CONVERGED = 'the next step gains next to nothing'
+    CONVERGED = 'the next step gains almost nothing'
     STUCK = 'no step lowers the cost'
-    UNFINISHED = 'the allowed steps are used up'
+    UNFINISHED = 'the maximum number of steps was reached'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,12 +92,12 @@ def gauss_newton(
 ) -> Search[Linear]:
     """Search from a linearization for the lowest cost.
 
-    newton_step: returns the full step from a linearization and its gain, in any measure; the
+    newton_step: returns the full step from a linearization, and its gain in any measure; the
     search ends if the gain is below `small`. lower: returns the end of a step, or None if the cost
-    does not fall enough. relinearize: linearizes there; None if this fails. predict_end: end one
-    step earlier if gains fall so fast that the step after the next would gain less than `small`;
-    the caller then takes the next step, which is as good as linear. on_step: called with the
-    number and the start of each step.
+    does not fall enough. relinearize: linearizes at that end; None if this fails. predict_end:
+    whether to end one step earlier if gains fall so fast that the step after the next would gain
+    less than `small`; the caller then takes the next step, for which the problem is practically
+    linear. on_step: called with the number and the start of each step.
     """
     last, gain = start, float('inf')
     for count in range(1, most_steps + 1):

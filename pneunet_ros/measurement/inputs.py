@@ -30,7 +30,7 @@ class Inputs:
     gravity: Array | None = None
 
     def __post_init__(self) -> None:
-        """Make the loads read-only, because kernels would be recompiled for writable arrays."""
+        """Make the loads read-only; kernels would be recompiled for writable arrays."""
         object.__setattr__(self, 'loads', frozen_array(self.loads))
 
     def subset(self, frames: npt.NDArray[np.int64]) -> Inputs:
@@ -65,7 +65,7 @@ class Inputs:
 
 
 def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
-    """Return the inputs of each run; history carries over from run to run by their stamps.
+    """Return the inputs of each run; the history carries over from run to run by stamps.
 
     The arm is assumed to have settled at the first pressure before the first run, and to be
     unchanged between runs. Static frames have no history: each is an independent equilibrium.

@@ -28,7 +28,7 @@ from pneunet_ros.solver.columns import CURVATURE, LOADS, THETA, X, Y
 
 
 class Parametrization(Protocol):
-    """Unknown parameters of an arm as one vector."""
+    """The unknown parameters of an arm as one vector."""
 
     @property
     def columns(self) -> Columns:
@@ -47,10 +47,10 @@ class FittedRun:
 
     points (frames, 2, targets) m: prediction of the model alone; disturbance (frames, 2, targets)
     m: contribution of placement and camera; fields (frames, 6, targets) as from
-    `solver.interpolation.at_stations`; whitened (frames,) the squared whitened residual and dof
-    (frames,) the number of its coordinates. Frames without an equilibrium (`solved` False) do not
-    count. Coordinates are x, then y of all targets, then the heading of the last, the tip, in a
-    run that has it.
+    `solver.interpolation.at_stations`; whitened (frames,): the squared whitened residual; dof
+    (frames,): the number of its coordinates. Frames without an equilibrium (`solved` False) do not
+    count. Coordinates are x, then y of all targets, then the heading of the last target, the tip,
+    in a run that has it.
     """
 
     run: RecordingData
@@ -76,7 +76,7 @@ class FittedRun:
         return np.concatenate(parts, axis=1) & self.solved[:, None]
 
     def counting(self, solved: npt.NDArray[np.bool_]) -> FittedRun:
-        """Return the run with only these frames (frames,) in use."""
+        """Return the run with only these frames (a mask) in use."""
         run = replace(self, solved=solved)
         return replace(run, dof=np.count_nonzero(run.counted, axis=1))
 
@@ -93,12 +93,12 @@ class FittedRun:
 class RunLinearization:
     """Linearization of one recording at one point: y = h(x) + e.
 
-    fitted: at the measured load. Everything else is at the most probable load: load_error (frames,
-    3) N, N m is its difference from the measured load, and tangent (frames, coordinates) the
-    resulting change of the measured coordinates. fields (frames, 6, targets) as in `FittedRun`;
-    jacobian (frames, coordinates, parameters + disturbances of the run); errors (frames,
-    coordinates, n): displacement by one sigma of each reading; white_residual (frames,
-    coordinates); whitening: by the noise of targets and readings.
+    fitted: linearized at the measured load. Everything else is linearized at the most probable
+    load: load_error (frames, 3) N, N m is its difference from the measured load, and tangent
+    (frames, coordinates) the resulting change of the measured coordinates. fields (frames, 6,
+    targets) as in `FittedRun`; jacobian (frames, coordinates, parameters + disturbances of the
+    run); errors (frames, coordinates, n): displacement by one sigma of each reading;
+    white_residual (frames, coordinates); whitening by the noise of targets and readings.
     """
 
     fitted: FittedRun
@@ -170,8 +170,8 @@ def linearize(
 ) -> RunLinearization:
     """Return a recording linearized at values (n,) of parameters and its disturbance (m,).
 
-    inputs: of the arm with these values. model: start of the search for equilibria. ModelError if
-    there is no such arm.
+    inputs: those of the arm with these values. model: start of the search for equilibria.
+    ModelError if there is no such arm.
     """
     arm = parameters.arm(values)
     fitted, targets = predict(model, arm, run, inputs, disturbance)

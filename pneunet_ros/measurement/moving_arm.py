@@ -75,7 +75,7 @@ class Places:
     """Positions along an arm relative to its links.
 
     nodes (links + 2, places): weights of the clamp, the link centers and the tip; joints (links +
-    1, places): those of the joints and the tip.
+    1, places): weights of the joints and the tip.
     """
 
     nodes: Array
@@ -83,7 +83,7 @@ class Places:
 
 
 def places_along(reach: float, arclength: Array) -> Places:
-    """Return the interpolation from links to arclengths (places,) m; reach: of the arm, m."""
+    """Return the interpolation from links to arclengths (places,) m; reach (m) of the arm."""
     from scipy.interpolate import CubicSpline  # slow to import, and only moving arms need it
 
     joints = np.linspace(0.0, reach, LINKS + 1)
@@ -96,10 +96,10 @@ def places_along(reach: float, arclength: Array) -> Places:
 class MotionEstimate:
     """Motion of an arm about its equilibrium.
 
-    velocity (3,): of the tip, m/s and rad/s. settled: the tip is at its equilibrium and will stay
-    there, within its uncertainty. swing, at_nodes, at_joints: see `solver.swing.follow_swing`;
-    relative (2,): errors of mass and damping; left_out (m): truncation error of the tip in each
-    shape. modes: of the arm about its equilibrium.
+    velocity (3,): of the tip, m/s and rad/s. settled: whether the tip is at its equilibrium and
+    will stay there, within its uncertainty. swing, at_nodes, at_joints: see
+    `solver.swing.follow_swing`; relative (2,): errors of mass and damping; left_out (m):
+    truncation error of the tip in each shape. modes of the arm about its equilibrium.
     """
 
     velocity: Array
@@ -135,10 +135,11 @@ class MotionEstimate:
 
 
 def late_parts(errors: Array, shapes: Array) -> Array:
-    """Return further errors of points, because the arm follows the noise of readings late.
+    """Return further errors of points: the arm follows the noise of readings with a delay.
 
-    errors (n, 2, points) m: of the equilibrium, per one sigma of each reading; shapes (shapes, 2,
-    points): per q of each shape. Returns (n shapes, 2, points) m, see `solver.swing.part_shapes`.
+    errors (n, 2, points) m: those of the equilibrium, per sigma of each reading; shapes (shapes,
+    2, points): per unit q of each shape. Returns (n shapes, 2, points) m, see
+    `solver.swing.part_shapes`.
     """
     parts = np.empty((len(errors), len(shapes), errors[0].size))
     part_shapes(errors.reshape(len(errors), -1), shapes.reshape(len(shapes), -1), parts)
@@ -146,7 +147,7 @@ def late_parts(errors: Array, shapes: Array) -> Array:
 
 
 def likely_motion(arm: Arm) -> Motion | None:
-    """Return the likely motion of an arm, from its weight; None if no unloaded shape is stable."""
+    """Return the motion expected from an arm's weight; None if no unloaded shape is stable."""
     modes = unloaded_modes(replace(arm, motion=Motion()))
     if modes is None:
         return None
@@ -186,7 +187,7 @@ class MovingArm:
         object.__setattr__(self, 'relative', self._relative_errors())
 
     def _relative_errors(self) -> Array:
-        """Return the relative errors of frequency^2 and damping per column of the model."""
+        """Return the relative errors of squared frequency and of damping, per model column."""
         assert self.arm.inertia is not None
         motion = self.arm.inertia
         found = [[LEFT_OUT, LEFT_OUT], [motion.mass_error, motion.damping_error]]
@@ -211,7 +212,7 @@ class MovingArm:
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
-        shape: the equilibrium at these places; errors: of the equilibrium; by_reading (readings,
+        shape: the equilibrium at these places; errors of the equilibrium; by_reading (readings,
         3): change of x, y (m), theta of its tip by one sigma of each reading. Returns shape and
         errors of the moving arm.
         """
@@ -253,7 +254,8 @@ class MovingArm:
 class Moved(NamedTuple):
     """Deviation of a chain from equilibrium: tables of `solver.swing.follow_swing`.
 
-    velocity (3,) of the tip; stopped (2,) m/s: its velocity in x, y if the equilibrium stopped.
+    velocity (3,) of the tip; stopped (2,) m/s: its velocity in x, y if the equilibrium stopped
+    moving.
     """
 
     at_nodes: Array
@@ -272,8 +274,8 @@ def follow_reading(
 ) -> tuple[MovingState, Moved]:
     """Advance an arm to the stamp of a reading with a known equilibrium.
 
-    solved: panels, ends and nodes; state: None: the arm is at rest; too long ago: see `after_gap`.
-    modes: their moments define the shapes.
+    solved: panels, ends and nodes; state: None if the arm is at rest; if it is too old, see
+    `after_gap`. modes: their moments define the shapes.
     """
     after, room = room_for_links(LINKS, float(solved[1][LOAD_OFFSET])), room_for(SHAPES, LINKS)
     swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
@@ -321,7 +323,8 @@ def follow_readings(
 ) -> Array:
     """Return the deviation of an arm from its equilibria, (readings, 2, links + 2) m.
 
-    Like repeated `follow_reading`, starting from a state (2, SHAPES) of the swing at the first.
+    This equals repeated calls of `follow_reading`, starting from a state (2, SHAPES) of the swing
+    at the first reading.
     """
     seconds = np.diff(stamp_ns, prepend=stamp_ns[0]) / NANOSECONDS_PER_SECOND
     steps = np.array([steps_between(item, damping_time, modes) for item in seconds.tolist()])
@@ -336,7 +339,7 @@ def follow_readings(
 
 
 def steps_between(seconds: float, damping_time: float, modes: Modes) -> int:
-    """Return the number of integration steps for a time."""
+    """Return the number of integration steps for a time interval."""
     fastest = float(modes.frequency[-1])
     return math.ceil(seconds * fastest * max(1.0, damping_time * fastest) / STEP)
 
@@ -421,7 +424,7 @@ def rates_about(
 
 
 def moved_shape(shape: Shape, displacement: Array, bent: Array) -> Shape:
-    """Return a shape in motion; displacement (3 or more, stations) and bent: of `follow_swing`."""
+    """Return a moving shape; displacement (3 or more, stations) and bent: from `follow_swing`."""
     return Shape(
         arclength=shape.arclength,
         x=freeze(shape.x + displacement[0]),
@@ -452,9 +455,10 @@ def unloaded_modes(arm: Arm) -> Modes | None:
 def is_settled(deviation: Array, swing: Array, covariance: Array) -> bool:
     """Whether the tip is at rest in its equilibrium, within its uncertainty.
 
-    deviation (2,) m: from the equilibrium; swing (2,) m: amplitude due to the present velocity if
-    the equilibrium stopped; covariance (3, 3): of the tip. Both together must be within 1.96
-    standard deviations of its position, like 95 % of the reading errors.
+    deviation (2,) m from the equilibrium; swing (2,) m: amplitude due to the present velocity if
+    the equilibrium stopped moving; covariance (3, 3) of the tip. Deviation and swing together must
+    be within 1.96 standard deviations of the position of the tip, as are 95 % of the reading
+    errors.
     """
     distance_square = deviation @ deviation + swing @ swing
     return bool(distance_square <= WITHIN_95**2 * (covariance[0, 0] + covariance[1, 1]))

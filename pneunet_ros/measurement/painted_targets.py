@@ -68,7 +68,7 @@ def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
 
 
 def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
-    """Return `displacement` of `paint` alone, (.., targets) m."""
+    """Return only the `displacement` of `paint`, (.., targets) m."""
     along, across = placement
     chord, heading = along_the_arc(theta, curvature, along)
     return np.asarray(chord + 1j * heading * across)
@@ -77,8 +77,8 @@ def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
 def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
     """Return x + i y and heading of targets painted (..) m further along the arc.
 
-    theta (rad), curvature (1/m): of the arm at the nominal positions. The points lie on its arc,
-    not on its tangent.
+    theta (rad), curvature (1/m): those of the arm at the nominal positions. The points lie on the
+    arc of the arm, not on its tangent.
     """
     turn = curvature * along
     return along * np.exp(1j * (theta + 0.5 * turn)), np.exp(1j * (theta + turn))

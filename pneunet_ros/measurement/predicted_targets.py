@@ -1,8 +1,8 @@
 """Predicted targets of an estimate.
 
 Errors of readings, model and camera position move all targets of a frame together: they are
-columns of the covariance, not spread over its diagonal. Noise without this correlation would have
-the right size, but raise false alarms.
+columns of the covariance and not added to its diagonal. Noise without this correlation would have
+the right size but cause false alarms.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class PredictedTargets:
     last `frame_error_count` belong to this frame only: second-order errors, then motion. They
     exclude the position of the camera and the noise of the targets. by_load (3, 2, targets):
     derivatives by F1, F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): arclength
-    relative to that of the last target. placed (2, targets) m: misplacement of each target, as
-    calibrated, and placed_std (targets,) m its standard deviation.
+    relative to that of the last target. placed (2, targets) m: calibrated misplacement of each
+    target; placed_std (targets,) m: its standard deviation.
     """
 
     x: Array
@@ -59,8 +59,8 @@ def predict_targets(
 ) -> PredictedTargets:
     """Return the predicted targets of an estimate.
 
-    noise (sources, causes): its noise input matrix, for the causes of the table; curved: its
-    sensitivity, and the second-order effect of errors.
+    noise (sources, causes): its noise input matrix, for the causes of the table; curved:
+    sensitivity of the estimate, and second-order effect of errors.
     """
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y, theta, curvature = sensitivity.fields(arm.target_arclength)[:4]
@@ -93,8 +93,8 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
 def target_displacement(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
     """Return the misplacement of targets (.., 2, targets) m, and its std (targets,) m.
 
-    theta (rad), curvature (1/m), both (.., targets): of the arm at their places. Both are from the
-    calibration, if it determined them.
+    theta (rad), curvature (1/m), both (.., targets): those of the arm at the targets. Misplacement
+    and std are from the calibration, if it determined them.
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:

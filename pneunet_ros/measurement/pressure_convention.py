@@ -35,7 +35,7 @@ class PressureConvention:
         return PRESSURE_UNITS[self.unit]
 
     def gauge(self, reading: float) -> float:
-        """Return the gauge pressure (Pa) behind a reading (in `unit`)."""
+        """Return the gauge pressure (Pa) that corresponds to a reading (in `unit`)."""
         above = self.ambient if self.reference == ABSOLUTE else 0.0
         return self.sign * (reading * self.size - above) + self.offset
 
@@ -46,7 +46,7 @@ class PressureConvention:
 
     @property
     def words(self) -> str:
-        """Describe the meaning for a person: 'absolute hPa', 'gauge Pa with the sign reversed'."""
+        """Describe the meaning for a user: 'absolute hPa', 'gauge Pa with the sign reversed'."""
         return f'{self.reference} {self.unit}{" with the sign reversed" * (self.sign < 0)}'
 
     def changes_from(self, other: PressureConvention) -> dict[str, str]:

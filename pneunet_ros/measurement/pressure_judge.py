@@ -3,7 +3,7 @@
 Each meaning is a hypothesis with a prior. Its likelihood is that of three features of the
 readings: the reading at rest, the one furthest from it, and the noise. The first two are compared
 by their logarithm, so that a unit alone is not evidence. If there are measured targets, the fit of
-the model to them counts too. Live nodes and offline verbs use the same function.
+the model to them counts as well. Live nodes and offline verbs use the same function.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ class PressureJudgeSettings(JudgeSettings):
     """Priors of pressure conventions, and the odds required to decide."""
 
     rare_unit: float = tuning(
-        0.005, 'prior of MPa and mmHg', source='convention: a quarter of the usual ones'
+        0.005, 'prior of MPa and of mmHg', source='convention: a quarter of the usual ones'
     )
     absolute: float = tuning(
-        0.05, 'prior of the other reference', source='convention: nineteen of twenty set it right'
+        0.05,
+        'prior of the other reference (gauge or absolute)',
+        source=('convention: nineteen of twenty users set it correctly'),
     )
     reversed: float = tuning(
         0.03, 'prior of swapped ports', source='convention: as likely as another unit'
@@ -41,17 +43,21 @@ class PressureJudgeSettings(JudgeSettings):
         0.2,
         'one sigma of a zero that was never set',
         unit='of the range',
-        source='convention: beyond it a sensor is taken for broken',
+        source='convention: beyond it, a sensor counts as broken',
     )
     vented: float = tuning(
-        0.9, 'recordings in which the arm is vented once', source='convention: nine of ten'
+        0.9,
+        'share of recordings in which the arm is vented at some time',
+        source='convention: nine of ten',
     )
     at_rest: float = tuning(
-        0.1, 'recordings that never leave the vented arm', source='convention: one of ten'
+        0.1,
+        'share of recordings in which the arm is always vented',
+        source='convention: one of ten',
     )
     vacuum: float = tuning(
         0.001,
-        'recordings with a pressure of the sign for which the model was not calibrated',
+        'share of recordings with pressures of a sign for which the model was not calibrated',
         source='convention: one of a thousand',
     )
     offset: float = tuning(
@@ -59,62 +65,78 @@ class PressureJudgeSettings(JudgeSettings):
     )
     decades: float = tuning(
         6.0,
-        'over which a zero error is uniform by its logarithm',
+        'range over which the logarithm of a zero error is uniform',
         unit='decades',
         source='convention: from the last digit of a 20 bit converter to the full scale',
     )
     lowland: tuple[float, float] = tuning(
-        (95e3, 105e3), 'the air below 500 m', unit='Pa', source='literature: ISO 2533, weather'
+        (95e3, 105e3),
+        'atmospheric pressure below 500 m',
+        unit='Pa',
+        source='literature: ISO 2533, weather',
     )
     highland: tuple[float, float] = tuning(
-        (72e3, 105e3), 'the air below 2700 m', unit='Pa', source='literature: ISO 2533, weather'
+        (72e3, 105e3),
+        'atmospheric pressure below 2700 m',
+        unit='Pa',
+        source='literature: ISO 2533, weather',
     )
     in_lowland: float = tuning(
-        0.75, 'people who live below 500 m', source='literature: Cohen and Small, PNAS 95 (1998)'
+        0.75,
+        'share of people who live below 500 m',
+        source='literature: Cohen and Small, PNAS 95 (1998)',
     )
     leaves: float = tuning(
-        0.05, 'recordings that leave the calibrated range', source='convention: one of twenty'
+        0.05,
+        'share of recordings that exceed the calibrated range',
+        source='convention: one of twenty',
     )
     another_arm: float = tuning(
         1e-4,
-        'recordings of an arm of quite another range than the model',
+        'share of recordings of an arm with a very different range than the model',
         source='convention: so small that the range counts',
     )
     other_actuator: float = tuning(
         0.1,
-        'recordings of another arm than the shipped one, where no model is given',
-        source='convention: who has another arm gives its model nine times of ten',
+        'share of recordings of another arm than the shipped one, if no model is given',
+        source='convention: nine of ten users with another arm give its model',
     )
     beyond: float = tuning(
         0.3,
-        'sigma of how far recordings leave the calibrated range',
+        'one sigma of how far recordings exceed the calibrated range',
         unit='of the range',
         source='convention: the load margin of the domain is of this order',
     )
     noise_spread: float = tuning(
         5.0,
-        'one sigma of the noise over that of the model',
-        source='convention: converters of one kind differ by less, those of two by more',
+        'one sigma of the ratio of the noise to that of the model',
+        source=(
+            'convention: converters of the same kind differ by less, those of different kinds '
+            'by more'
+        ),
     )
     noise_decades: float = tuning(
-        4.0, 'beyond which noise is not evidence', unit='decades', source='convention: rounding'
+        4.0,
+        'limit beyond which noise is not evidence',
+        unit='decades',
+        source='convention: rounding',
     )
     white_span: float = tuning(
         8.0,
-        'span of white noise',
+        'range of white noise',
         unit='sigma',
         source='literature: extremes of 10 000 normal values',
     )
     model_error: float = tuning(
         0.02,
-        'error of a model that holds',
+        'error of a correct model',
         unit='of the length',
-        source='convention: models of soft arms are seldom better in new conditions',
+        source='convention: models of soft arms are rarely better in new conditions',
     )
     viable: float = tuning(
         25.0,
-        'log odds below the best at which targets are not compared',
-        source='convention: more than targets ever add',
+        'log odds below the best meaning at which targets are not compared',
+        source='convention: more than targets can add',
     )
 
 
@@ -128,11 +150,11 @@ IMPOSSIBLE = -1e6  # log likelihood of an impossible reading
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureRecord:
-    """Record of the readings of a pressure sensor, in its unit.
+    """Statistics of the readings of a pressure sensor, in its unit.
 
-    low, high: of running medians of three readings, so that single glitches do not count; last:
-    the last two readings. steps: sum of squared differences; curved, log_curved: number of nonzero
-    second differences, and the sum of the logarithms of their size.
+    low, high: extremes of running medians of three readings, so that single glitches do not count;
+    last: the last two readings. steps: sum of squared differences; curved, log_curved: number of
+    nonzero second differences, and the sum of the logarithms of their size.
     """
 
     count: int = 0
@@ -146,7 +168,7 @@ class PressureRecord:
     log_curved: float = 0.0
 
     def after(self, stamp_ns: int, reading: float) -> PressureRecord:
-        """Return the record with one more finite reading."""
+        """Return the record with one more reading, which is finite."""
         recent = (*self.last, reading)
         median = sorted(recent)[len(recent) // 2]
         started = self.count > 1  # with two readings the median is one of them
@@ -191,13 +213,13 @@ class PressureRecord:
 
     @property
     def whiteness(self) -> float:
-        """Span divided by the noise estimated from successive differences."""
+        """Range divided by the noise estimated from successive differences."""
         step = math.sqrt(self.steps / max(self.count - 1, 1) / 2.0)
         return (self.high - self.low) / step if 0.0 < step < math.inf else 0.0
 
 
 def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRecord:
-    """Return the record of all these readings, in the unit of the sensor."""
+    """Return the record of these readings, in the unit of the sensor."""
     record = PressureRecord()
     for stamp, reading in zip(stamp_ns, readings, strict=True):
         record = record.after(stamp, reading)
@@ -224,7 +246,7 @@ class ExpectedPressure:
 
 
 def expected_of(arm: Arm) -> ExpectedPressure:
-    """Return the readings to expect from a calibrated arm."""
+    """Return the readings expected from a calibrated arm."""
     low, high = arm.pressure_range
     return ExpectedPressure(low=low, high=high, std=arm.sensors.pressure_std, name=arm.name)
 
@@ -248,7 +270,7 @@ ANY_ACTUATOR = tuple(
 def expected_without_model(
     shipped: Arm, settings: PressureJudgeSettings = JUDGE
 ) -> tuple[ExpectedPressure, ...]:
-    """Return the expected readings without a model: of the shipped arm, or of any other."""
+    """Return the readings expected without a model: those of the shipped arm, or of any other."""
     other_actuators = (
         replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR
     )
@@ -263,10 +285,10 @@ Fit = Callable[[PressureConvention], tuple[float, int]]
 class PressureVerdict(ReadingVerdict[PressureConvention]):
     """Most likely meaning of the readings of a pressure sensor.
 
-    alternatives: further meanings that are nearly as likely as the other one. low, high: of the
-    readings, in the unit of the sensor; name: of the actuator that they were compared with;
-    is_other_actuator: the declaration is right, but the readings are almost certainly of another
-    kind of actuator.
+    alternatives: further meanings that are nearly as likely as the other one. low, high: those of
+    the readings, in the unit of the sensor; name of the actuator with which they were compared;
+    is_other_actuator: whether the declaration is right, but the readings are almost certainly from
+    another kind of actuator.
     """
 
     alternatives: tuple[PressureConvention, ...]
@@ -322,12 +344,12 @@ def judge_pressure(
     """Weigh all meanings of readings against the declared one.
 
     Args:
-        record: of the readings, in the unit of the sensor.
+        record: the statistics of the readings, in the unit of the sensor.
         declared: their declared meaning.
-        expected: pressures to expect, for one arm or for several with their shares.
-        fit: fit of a model to measured targets under a meaning; None: no targets.
-        moves: the arm is known to bend, so its pressure changes.
-        running: readings are still to come, possibly including the largest.
+        expected: the expected pressures, of one arm or of several with their shares.
+        fit: returns the fit of a model to measured targets under a meaning; None: no targets.
+        moves: whether the arm is known to bend, so that its pressure changes.
+        running: whether more readings will follow, possibly including the largest.
         settings: priors, and the required odds.
 
     Returns:
@@ -390,7 +412,7 @@ class Features:
     """Features of a record that do not depend on the convention.
 
     low, high, noise: as in the record; constant: probability that the readings are of a constant
-    pressure; moves: the arm is known to move; complete: no readings will be added.
+    pressure; moves: whether the arm is known to move; complete: whether no readings will follow.
     """
 
     low: float
@@ -421,7 +443,7 @@ def meanings(
 ) -> Iterator[PressureConvention]:
     """Yield the declared and all other meanings, with ambient pressure and zero from rest.
 
-    An arm is at rest at the lowest reading, or at the highest if it works by vacuum.
+    An arm is at rest at the lowest reading, or at the highest if it is driven by vacuum.
     """
     yield declared
     rests = {(one.high < -one.low) for one in expected}

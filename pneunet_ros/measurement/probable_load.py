@@ -32,7 +32,7 @@ class ProbableLoadSettings:
 
     largest_error: float = tuning(
         3.0,
-        'largest load error due to noise; beyond it the correction fades out, to zero at twice '
+        'largest load error due to noise; beyond it, the correction decreases to zero at twice '
         'this value, because the model is not fitted yet',
         unit='sigma',
         source='invented',
@@ -63,11 +63,11 @@ def probable_load_errors(
 ) -> Array:
     """Return the difference between load and reading, (frames, 3) N, N m.
 
-    They are zero if no load was read, if its noise cannot explain the difference, and in frames
-    without a shape. A known load is not corrected: its error is the same in all frames.
+    It is zero if no load was read, if the noise of the reading cannot explain the difference, and
+    in frames without a shape. A known load is not corrected: its error is the same in all frames.
 
-    inputs: with the load as read; disturbance (frames, 2, targets) m: contribution of placement
-    and camera; model: start of the search for the equilibria.
+    inputs: those with the load as read; disturbance (frames, 2, targets) m: contribution of
+    placement and camera; model: start of the search for the equilibria.
     """
     shift = np.zeros_like(inputs.loads)
     std = attached_std(noise, run)
@@ -131,7 +131,7 @@ def shift_of_snapped_frames(
 
 
 def distance_to_targets(model: ForwardModel, measured: Array) -> Array:
-    """Return the rms distance (frames,) m of targets from the model, inf if unsolved."""
+    """Return the rms distance (frames,) m of targets from the model; inf where unsolved."""
     squares = (measured - model.points) ** 2
     seen = np.isfinite(squares)
     mean = np.sum(np.where(seen, squares, 0.0), axis=(1, 2)) / np.maximum(seen.sum((1, 2)), 1)

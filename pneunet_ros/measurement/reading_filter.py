@@ -1,8 +1,8 @@
 """Readings as a piecewise linear function, for values at other times.
 
-An effect with memory reduces the noise of readings: a play as wide as the noise holds them
-constant, a lag averages them, and so does a delay that places a frame between two readings. At
-constant pressure and load this predicts better than the raw readings, so such effects would be
+An effect with memory reduces the noise of readings: a play as wide as the noise keeps them
+constant, and a lag averages them, as does a delay that places a frame between two readings. At
+constant pressure and load this predicts better than raw readings do, so that such effects would be
 found in recordings without them. Effects with memory therefore use filtered readings, and every
 frame keeps the noise of its own reading, for any memory and delay.
 """
@@ -27,9 +27,11 @@ Piece = tuple[int, int]  # first and last reading of a straight line
 class ReadingFilterSettings:
     """Thresholds at which noise no longer explains a deviation from a straight line."""
 
-    corner: float = tuning(25.0, 'improvement by a second line', unit='chi squared')
-    slope: float = tuning(9.0, 'improvement by a slope', unit='chi squared')
-    scatter: float = tuning(4.0, 'chi squared of a line above its mean', unit='std')
+    corner: float = tuning(25.0, 'significant improvement by a second line', unit='chi squared')
+    slope: float = tuning(9.0, 'significant improvement by a slope', unit='chi squared')
+    scatter: float = tuning(
+        4.0, 'significant excess of the chi squared of a line over its mean', unit='std'
+    )
 
 
 READING_FILTER = ReadingFilterSettings()
@@ -54,8 +56,8 @@ def filter_readings(
     """Return the piecewise linear pressure and load of a run.
 
     Between corners, the readings lie on a straight line within their noise, so that steps, turning
-    points and other visible features stay where they were; a step between two readings, and
-    readings that noise does not explain, are kept unchanged. Static frames are not changed.
+    points and other visible features keep their times. Steps between two readings, and readings
+    that noise does not explain, are unchanged. Static frames are not changed.
     """
     if run.static:
         return FilteredReadings(run=run, noise=np.zeros(len(run.stamp_ns)))
@@ -111,7 +113,7 @@ def without_reading_noise(
 ) -> RecordingData:
     """Return a run with all readings replaced by their piecewise linear fit.
 
-    This is needed to simulate an arm with mass, which the noise of the readings would excite.
+    An arm with mass is simulated with these, because noise of the readings would excite it.
     """
     if run.static:
         return run
@@ -173,7 +175,7 @@ class Lines:
         return pieces
 
     def corner(self, first: int, last: int) -> int | None:
-        """Return the best index to split a segment; None if one line explains it."""
+        """Return the best index at which to split a segment; None if one line explains it."""
         count = last - first + 1
         if count < 3:
             return None
@@ -209,7 +211,7 @@ class Lines:
 
 
 def moments(sums: Array) -> tuple[Array, Array, Array, Array]:
-    """Return count, and central sums of t t, t p and p p, of sums (6, n) of parts of a series."""
+    """Return count and central sums of t t, t p, p p, from sums (6, n) of parts of a series."""
     count, t, tt, p, tp, pp = sums
     return count, tt - t * t / count, tp - t * p / count, pp - p * p / count
 

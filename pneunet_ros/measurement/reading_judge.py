@@ -1,4 +1,4 @@
-"""Common parts of the judges of pressure and wrench: weighing of meanings."""
+"""Common parts of the judges of pressure and wrench: comparing the meanings of readings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Convention(Protocol):
 
     @property
     def words(self) -> str:
-        """Describe the convention for a person."""
+        """Describe the convention for a user."""
 
     def changes_from(self, other: Self) -> dict[str, str]:
         """Return the settings that change another convention into this one."""
@@ -29,8 +29,8 @@ class JudgeSettings:
 
     other_unit: float = tuning(
         0.02,
-        'prior of each unit that drivers and data sheets often use instead',
-        source='convention: messages are in SI by their definition',
+        'prior of each other unit that drivers and data sheets often use',
+        source='convention: messages are defined in SI',
     )
     log_odds: float = tuning(
         3.0,
@@ -41,7 +41,7 @@ class JudgeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingVerdict(Generic[Meaning]):
-    """The declared convention of readings, the likeliest other one, and its log odds.
+    """The declared convention of readings, the most likely other one, and its log odds.
 
     limit: threshold for log_odds.
     """
@@ -53,7 +53,7 @@ class ReadingVerdict(Generic[Meaning]):
 
     @property
     def doubted(self) -> bool:
-        """Whether the readings almost surely differ from the declared convention."""
+        """Whether the declared convention is almost certainly wrong."""
         return self.log_odds > self.limit
 
     @property
@@ -80,6 +80,6 @@ class ReadingVerdict(Generic[Meaning]):
 
 
 def ranked(weights: Mapping[Meaning, float], declared: Meaning) -> list[Meaning]:
-    """Return all meanings but the declared one, most likely first; weights: log probability."""
+    """Return all meanings except the declared one, most likely first; weights: log probability."""
     alternatives = (meaning for meaning in weights if meaning != declared)
     return sorted(alternatives, key=weights.__getitem__, reverse=True)

@@ -17,16 +17,19 @@ from pneunet_ros.core.settings import tuning
 class RowOrderSettings:
     """Criteria for targets numbered from the wrong end, and for a moving clamp."""
 
-    fewest_frames: int = tuning(5, 'fewest frames with a target for its motion')
+    fewest_frames: int = tuning(5, 'fewest frames with a target for estimating its motion')
     chord: float = tuning(
-        0.1, 'distance from an end to the target that gives its direction', unit='length'
+        0.1, 'distance from an end to the target that gives the direction there', unit='length'
     )
     turns: float = tuning(
-        0.2, 'least rotation of the first targets at a wrong end', unit='rad', source='invented'
+        0.2,
+        'smallest rotation of the first targets that shows a wrong end',
+        unit='rad',
+        source='invented',
     )
     times: float = tuning(
         3.0,
-        'ratio to the rotation of the last targets: an even bend gives a third or less',
+        'ratio to the rotation of the last targets; an even bend gives a third or less',
         source='invented',
     )
     at_clamp: float = tuning(
@@ -45,7 +48,7 @@ class RowOrderSettings:
     )
     clamp_loose: float = tuning(
         0.05,
-        'motion of the clamp with pressure above which the recording is refused',
+        'motion of the clamp with pressure above which the recording is rejected',
         unit='length',
         source='invented',
     )

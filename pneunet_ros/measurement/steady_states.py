@@ -1,4 +1,4 @@
-"""Steady states: intervals in which readings are constant within their noise."""
+"""Steady states: intervals in which readings are constant to within their noise."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ SHORTEST_HOLD = 1.5  # s
 def steady_segments(values: Array, tolerance: Array | float) -> list[tuple[int, int]]:
     """Return start and stop of steady intervals of values (n, quantities), greedily.
 
-    In each, the range of every quantity is at most `tolerance` (quantities,). An interval stops
-    where the next one starts; every value is in one.
+    In each interval, the range of every quantity is at most `tolerance` (quantities,). An interval
+    stops where the next one starts, and every value belongs to one.
     """
     starts = []
     low = high = np.full(values.shape[1:], np.nan)

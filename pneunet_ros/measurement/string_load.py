@@ -29,8 +29,8 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
     known = np.flatnonzero(np.isfinite(tips).all(axis=1))
     if not known.size:
         raise RecordingError(
-            f'{run.name}: no frame shows the tip, to which the string is tied: the last target, '
-            'or the last three if none is at the tip',
+            f'{run.name}: no frame shows the tip, to which the string is tied (the last target '
+            'must be seen, or the last three if none is at the tip)',
             reason='no_tip',
         )
     kept = run.subset(known).with_end_load(0.0, 0.0)

@@ -1,13 +1,13 @@
 """A swinging arm: its motion between frames, and at points along it.
 
-The equilibrium follows the estimated loads and pressure, and jumps when these are corrected, but
-the arm itself cannot jump. The unknown is therefore not the deviation q from equilibrium, but the
+The equilibrium follows the estimated loads and pressure and jumps when they are corrected, but the
+arm itself cannot jump. The unknown is therefore not the deviation q from equilibrium, but the
 modal coordinate w relative to a fixed reference: with S the projection on the modes and theta_e
 the headings of the equilibrium's links,
 
-    q = w - S (theta_e - theta_reference).
+q = w - S (theta_e - theta_reference).
 
-A frame determines w, but hardly the loads: the acceleration of the arm does.
+A frame determines w, but hardly the loads, which follow from the acceleration of the arm.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES
 class EquilibriumBetween(NamedTuple):
     """The equilibrium between two stamps.
 
-    share: fraction of the interval; force_deviation (2,) N: deviation of the tip
-    force from the interpolation.
+    share: fraction of the interval; force_deviation (2,) N: deviation of the tip force from linear
+    interpolation.
     """
 
     stamp_ns: int
@@ -66,13 +66,13 @@ class EquilibriumBetween(NamedTuple):
 class Reference:
     """Reference of the shape coordinates, and the equilibrium at some unknowns.
 
-    heading (links,) rad: of the reference; projection (shapes, links): S, and turns (shapes,
-    links) of each shape. links: of the equilibrium at the unknowns (n,), with turning (links, n):
+    heading (links,) rad of the reference; projection (shapes, links): S, and turns (shapes, links)
+    of each shape. links of the equilibrium at the unknowns (n,), with turning (links, n):
     derivatives of their headings; turned (links,) rad/s: their previous rate. at_tip (shapes, 2)
     m: displacement of the tip by each shape. lag (links,) rad: lag of faster shapes behind the
     equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation error of a swing, and of
     the response of the faster modes. pull (4, shapes): effect of a load on coordinates and momenta
-    since the last reference, per force on each shape. lost: the swing is unknown.
+    since the last reference, per force on each shape. lost: whether the swing is unknown.
     """
 
     heading: Array
@@ -112,7 +112,7 @@ class Reference:
 class SwingDeviation:
     """Deviation of an arm from equilibrium at some positions, and its derivatives.
 
-    links: of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). deviation (4, places);
+    links of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). deviation (4, places);
     by_link (links, 4, places): per rotation of each link of the equilibrium, at constant shape
     coordinates; by_shape (shapes, 4, places); moment (places,) N m relative to the equilibrium.
     at_tip (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. displacements (2,
@@ -148,7 +148,7 @@ class SwingingArm:
     """A moving arm, and the slice of its unknowns in the state vector.
 
     where: slice of `Motion`; tip: slice of the tip force. start (4,): one sigma of coordinates and
-    momenta of an arm not seen before; stations, targets: along the arm. middles (links,) m:
+    momenta of an arm before its first frame; stations, targets: along the arm. middles (links,) m:
     centers of its links; next_shapes (shapes, links): their rotations.
     """
 
@@ -171,7 +171,7 @@ class SwingingArm:
         object.__setattr__(self, 'next_shapes', modes.shape[Motion.SHAPES :])
 
     def part(self, which: slice) -> slice:
-        """Return the slice of one part of the unknowns of this frame; which: one of `Motion`."""
+        """Return the slice of one part (of `Motion`) of the unknowns of this frame."""
         return slice(self.where.start + which.start, self.where.start + which.stop)
 
     def headings(self, sensitivity: Sensitivity) -> Array:
@@ -239,14 +239,14 @@ class SwingingArm:
         """Advance a swinging arm to a stamp with a solved equilibrium.
 
         Args:
-            before: the belief, its reference (None if the arm was not seen), and its stamp.
+            before: the belief, its reference (None before the first frame), and its stamp.
             propagated: the belief with all other unknowns propagated, and with the force if it was
                 read.
             solution: the equilibrium at the mean of `propagated`; it is the new reference.
             stamp_ns: the new stamp.
             path: between the stamps.
-            turning: rotation of the links there per unknown; None: as before, because along a
-                straight arm an unknown force does not determine how it bends next.
+            turning: rotation of the links there per unknown; None: as before, because on a
+                straight arm an unknown force does not determine how the arm bends next.
 
         Returns:
             The belief there, its reference, and the motion of the arm.
@@ -362,12 +362,11 @@ class SwingingArm:
     def with_propagated_swing(
         self, known: Known, projected_turning: Array, swing: Swing, transition: Array
     ) -> Known:
-        """Return the belief with the swing propagated; swing: of the mean, with its columns.
+        """Return the belief with the swing propagated; swing: that of the mean, with its columns.
 
         With z = (w, p), an error S theta of the equilibrium acts as a force: z becomes A z + (1 -
-        A) (S theta, 0); transition (4, 4): A.
-        projected_turning (shapes, unknowns): S theta of each unknown; the tip
-        force acts at the actual tip.
+        A) (S theta, 0); transition (4, 4): A. projected_turning (shapes, unknowns): S theta of
+        each unknown; the tip force acts at the actual tip.
         """
         where, relative = self.part(Motion.SWING), self.part(Motion.RELATIVE)
         mean, root = known.mean.copy(), known.root.copy()
@@ -409,10 +408,10 @@ class SwingingArm:
         return 1.0 + time / seconds * math.expm1(-seconds / time)
 
     def response_std(self, seconds: float) -> float:
-        """Return one sigma of `response_share`, from the unknown time at which the load walked.
+        """Return one sigma of `response_share`, due to the unknown time at which the load changed.
 
-        A load step at a time u ago leaves exp(-u / time) of its response open; this is the spread
-        over all u.
+        Of the response to a load step at a time u ago, the share exp(-u / time) is still missing;
+        this is the spread over all u.
         """
         motion = self.moving.arm.motion
         assert motion is not None
@@ -424,7 +423,7 @@ class SwingingArm:
         return math.sqrt(max(mean_square - mean_open**2, 0.0))
 
     def with_force_walk(self, root: Array, reductions: Array) -> Array:
-        """Return a root including the error of a swing, from the unknown walk of the tip force.
+        """Return a root including the error of a swing due to the unknown walk of the tip force.
 
         reductions (places, 4, 2): reduction of the motion of coordinates and momenta, per sigma of
         the walk, if it happened at PLACES of the interval instead of at its beginning.
@@ -449,7 +448,7 @@ class SwingingArm:
         return decay * before - (1.0 - self.response_share(seconds)) * rotation
 
     def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
-        """Return a root including the unknown path between two stamps.
+        """Return a root that includes the unknown path between two stamps.
 
         It also includes the truncation errors of links and shapes, as in `moving_arm`.
         """
@@ -472,7 +471,7 @@ def root_of(columns: Array) -> Array:
 
 
 def responses_to(rates: Array, seconds: float) -> tuple[Array, Array]:
-    """Return transitions of the state from PLACES of a time (3, 4, 4), and over the whole time."""
+    """Return state transitions (3, 4, 4) from PLACES of a time interval, and over all of it."""
     from scipy.linalg import expm  # slow to import, and only moving arms need it
 
     last, between = expm(np.multiply.outer([PLACES[0], 0.5 - PLACES[0]], rates * seconds))
@@ -493,7 +492,7 @@ def between(before: Links, after: Links, share: float) -> Links:
 
 
 def motion_block(moving: MovingArm, start: float) -> Motion:
-    """Return the unknowns of a moving arm; start: initial amplitude at the tip, of the length.
+    """Return the unknowns of a moving arm; start: initial amplitude at the tip over the length.
 
     Shapes have unit modal mass, so momenta are modal velocities.
     """

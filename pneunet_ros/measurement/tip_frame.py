@@ -2,7 +2,7 @@
 
 To first order, the arm bends along arcs of constant length from the clamp: a rigid motion of three
 numbers brings all poses onto such arcs. The effects of uneven bending and lengthening are included
-in its error (Schmidt's consider covariance, as in a calibration from few targets).
+in the error (Schmidt's consider covariance, as in a calibration from few targets).
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ class TipFrameSettings:
 
     out_of_reach: float = tuning(
         1.1,
-        'distance of a tip from the clamp that no arm has',
+        'distance of a tip from the clamp that no arm can have',
         unit='reach',
-        source='convention: pneu-nets get a few percent longer',
+        source='convention: pneu-nets lengthen by a few percent',
     )
     largest_std: float = tuning(
         0.05,
         'largest standard error of the clamp position from noise alone',
         unit='reach',
-        source='convention: more is half the motion that is to be explained',
+        source='convention: more would be half the motion to be explained',
     )
     elongation: float = tuning(
         0.03,
         'lengthening of an arm at its largest turn, one sigma',
         unit='reach',
-        source='convention: pneu-nets get a few percent longer',
+        source='convention: pneu-nets lengthen by a few percent',
     )
     nonuniformity: float = tuning(
         0.3,
@@ -82,7 +82,7 @@ class FoundBase:
 
     @property
     def sentence(self) -> str:
-        """Describe it for users."""
+        """Describe the clamp found, for users."""
         return (
             f'the clamp was found at ({millimeters(self.x):.2f} ± {millimeters(self.std_x):.2g}, '
             f'{millimeters(self.y):.2f} ± {millimeters(self.std_y):.2g}) mm, and the axis of the '
@@ -213,8 +213,8 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
 def tip_displacements(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
     """Return the displacement of the tip, x + i y (m), by one sigma of departure from an arc.
 
-    turns (frames,) rad: the heading of the tip relative to the clamp. Returns (frames, modes):
-    modes of the curvature along the arm, and last the lengthening of the arm as it turns.
+    turns (frames,) rad: heading of the tip relative to the clamp. Returns (frames, modes): modes
+    of the curvature along the arm, then the lengthening of the arm as it bends.
     """
     share = 0.5 * (1.0 + _NODES)
     arc = np.exp(1j * turns[:, None] * share)

@@ -1,7 +1,7 @@
 """Most likely meaning of end wrench readings: unit x sign x yaw x tare.
 
 In complex numbers f = F1 + i F2, a force sensor reading is u e^(i yaw) f + tare in the base frame.
-Measured targets show the true force, and the conventions are compared by their residuals; without
+Measured targets show the true force, and conventions are compared by their residuals; without
 targets, by the loads of the calibration.
 """
 
@@ -32,35 +32,41 @@ class WrenchJudgeSettings(JudgeSettings):
 
     reversed: float = tuning(
         0.05,
-        'prior of the reaction instead of the load',
-        source='convention: reported by sensors at the base of the pulled object',
+        'prior of reading the reaction instead of the load',
+        source='convention: sensors at the base of the pulled object report it',
     )
     turned: float = tuning(
-        0.02, 'prior of axes turned by a right angle', source='convention: as another unit'
+        0.02, 'prior of axes rotated by a right angle', source='convention: that of another unit'
     )
     askew: float = tuning(
-        0.005, 'prior of axes turned by any angle', source='convention: a quarter of it'
+        0.005,
+        'prior of axes rotated by any angle',
+        source=('convention: a quarter of that of a right angle'),
     )
     untared: float = tuning(
-        0.01, 'prior of a sensor that was not tared', source='convention: half of another unit'
+        0.01,
+        'prior of a sensor that was not tared',
+        source=('convention: half of that of another unit'),
     )
     loads_differ: float = tuning(
         0.3,
-        'sigma of how far loads leave the calibrated ones',
+        'one sigma of how far loads exceed the calibrated ones',
         unit='of their size',
-        source='convention: as pressures do',
+        source='convention: as for pressures',
     )
     leaves: float = tuning(
-        0.05, 'recordings that leave the calibrated loads', source='convention: one of twenty'
+        0.05,
+        'share of recordings that exceed the calibrated loads',
+        source='convention: one of twenty',
     )
     idle: float = tuning(
         0.002, 'probability of loads of any size', source='convention: one of five hundred'
     )
     model_error: float = tuning(
         0.15,
-        'error of the force that targets show',
+        'error of the force estimated from targets',
         unit='of the largest force',
-        source='convention: targets alone show the force of an arm no better in new conditions',
+        source='convention: in new conditions, targets alone do not determine the force better',
     )
 
 
@@ -71,7 +77,7 @@ JUDGE = WrenchJudgeSettings()
 class WrenchConvention:
     """One meaning of the numbers of a force sensor.
 
-    unit: one of FORCE_UNITS. sign: -1 if the reaction is reported. yaw (rad): of its axes in the
+    unit: one of FORCE_UNITS. sign: -1 if the reaction is reported. yaw (rad) of its axes in the
     base frame, counter-clockwise. offset_x, offset_y (N, base frame): added at the end. frame: the
     frame id of its messages, '' for the base frame.
     """
@@ -99,7 +105,7 @@ class WrenchConvention:
         return complex(self.offset_x, self.offset_y)
 
     def force(self, reading: Forces) -> Forces:
-        """Return the end force F1 + i F2 (N) behind complex readings."""
+        """Return the end force F1 + i F2 (N) that corresponds to complex readings."""
         return self.factor * reading + self.offset
 
     def reading(self, force: Forces) -> Forces:
@@ -131,9 +137,9 @@ class WrenchConvention:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShownForces:
-    """The end forces (frames,) N that targets show, their std (frames,) N, and the readings.
+    """End forces (frames,) N estimated from targets, their std (frames,) N, and the readings.
 
-    scale (N): the largest force of the calibration, the measure of the errors of the model.
+    scale (N): the largest force of the calibration, to which errors of the model are relative.
     """
 
     force: Forces
@@ -146,8 +152,8 @@ class ShownForces:
 class ExpectedLoad:
     """The loads for which a model was calibrated.
 
-    largest (N); beyond: distance of complex forces (N), one per pressure, outside, relative to the
-    size of the calibrated ones.
+    largest (N); beyond: distance by which complex forces (N), one per pressure, exceed the
+    calibrated ones, relative to the size of these.
     """
 
     largest: float
@@ -167,7 +173,7 @@ class WrenchVerdict(ReadingVerdict[WrenchConvention]):
 
     @property
     def doubted(self) -> bool:
-        """Whether the readings almost surely differ from the declared convention."""
+        """Whether the declared convention is almost certainly wrong."""
         return bool(self.frame) or self.log_odds > self.limit
 
     @property
@@ -238,7 +244,7 @@ def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
 
 
 def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: float) -> str:
-    """Suggest the likely meaning of a load (N) outside the domain; empty if none fits."""
+    """Suggest the likely meaning of a load (N) outside the domain; empty if no meaning fits."""
     reading = declared.reading(np.array([force]))
     expected = expected_load(arm, np.array([pressure]))
     verdict = judge_wrench(reading, declared, expected, None)
@@ -248,7 +254,7 @@ def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: fl
 
 
 def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[WrenchConvention]:
-    """Yield the declared meaning and every other one; with targets, also any yaw and the tare."""
+    """Yield the declared meaning and all others; with targets, also any yaw and the tare."""
     right = 0.5 * math.pi
     turns = (0.0, right, -right) if shown is None else (0.0, right, -right, best_yaw(shown))
     for unit, sign, turn in product(FORCE_UNITS, (1, -1), turns):
@@ -268,7 +274,7 @@ def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[
 
 
 def best_yaw(shown: ShownForces) -> float:
-    """Return the rotation (rad) of the readings that fits the forces best, for any unit."""
+    """Return the rotation (rad) of the readings that fits the forces best, in any unit."""
     weight = 1.0 / shown.std**2
     product_ = np.sum(weight * shown.force * np.conj(shown.reading))
     angle = math.remainder(cmath.phase(complex(product_)), math.pi)  # the sign is another matter
@@ -314,7 +320,7 @@ def log_range(
 def log_shown(
     shown: ShownForces | None, meaning: WrenchConvention, settings: WrenchJudgeSettings
 ) -> float:
-    """Return the log likelihood of the forces that targets show."""
+    """Return the log likelihood of the forces estimated from targets."""
     if shown is None:
         return 0.0
     largest = max(float(np.max(np.abs(shown.force))), shown.scale)

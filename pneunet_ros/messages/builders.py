@@ -40,7 +40,7 @@ class Stamped(Protocol):
 
     @property
     def stamp_ns(self) -> int:
-        """The stamp of the reading it comes from."""
+        """The stamp of the reading on which it is based."""
 
 
 ReadingType = TypeVar('ReadingType')
@@ -62,7 +62,7 @@ class MessageTypes(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Input(Generic[ReadingType]):
-    """An input topic: its last name, its type, and how a message is converted to a reading.
+    """An input topic: its last name, its type, and the conversion of a message to a reading.
 
     shared: whether all nodes of a robot share the topic.
     """
@@ -85,7 +85,7 @@ class Output(Generic[Result]):
 
     `numbers(result)` returns all numbers of a message except its stamps, row by row in the order
     of the serialized message; `build(numbers, header, types)` builds the message from them. A
-    `MessageSerializer` builds one for each size and after that fills in the numbers in place.
+    `MessageSerializer` builds one message for each size, and then fills in the numbers in place.
     Without `numbers`, `build` takes the result itself, and every message is built.
     """
 
@@ -111,7 +111,7 @@ def nanoseconds(stamp: Any) -> int:
 
 @contextmanager
 def usable(name: str) -> Iterator[None]:
-    """Raise MessageError if a message that is read here is not what its type `name` promises."""
+    """Raise MessageError if a message does not have the content of its type `name`."""
     try:
         yield
     except (*UNFIT, IndexError) as error:

@@ -1,8 +1,8 @@
-"""Fast CDR decoding of sensor messages, limited to the fields that are used.
+"""Fast CDR decoding of sensor messages, limited to the fields in use.
 
-Results have only the fields of the message that are read here. Only plain little-endian CDR is
-supported, which every middleware writes on common computers; None means an unexpected type or
-layout, which the ROS deserializer then handles.
+Results have only these fields of the message. Only plain little-endian CDR is supported, which
+every middleware writes on common computers; None means an unexpected type or layout, which the ROS
+deserializer then handles.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ READERS: dict[str, Callable[[bytes], tuple[Any, int]]] = {
 
 
 def read_message(raw: bytes, type_name: str) -> Any | None:
-    """Read a message if its type is supported here; else None."""
+    """Read a message if its type is supported here; return None if not."""
     reader = READERS.get(type_name)
     if reader is None or raw[:2] != LITTLE_ENDIAN:
         return None

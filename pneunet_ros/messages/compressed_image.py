@@ -36,7 +36,7 @@ _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error)
 def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
     """Return the grey levels (height, width) of a jpeg or png, recognized by its magic bytes.
 
-    colored: return its colors instead, (height, width, 3), blue-green-red.
+    colored: whether to return its colors instead, (height, width, 3), blue-green-red.
 
     Raises MessageError for other formats, a jpeg with more than 8 bits per channel, a side above
     LARGEST_SIDE or an area above LARGEST_AREA, and for truncated or damaged images.
@@ -80,8 +80,8 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
 def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
     """Decode an image file by OpenCV; returns the image (or None) and the decoder's messages.
 
-    The messages are not printed. The image is as stored: a rotation noted in the file by a camera
-    app is ignored, because camera_info ignores it, too.
+    The messages are not printed. The image is as stored: a rotation that a camera app noted in the
+    file is ignored, because camera_info ignores it as well.
     """
     import cv2  # readings have no use for it
 
@@ -98,7 +98,7 @@ def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
 
 
 def jpeg_size(data: Bytes) -> tuple[int, int]:
-    """Width and height by the header of a jpeg; MessageError without one."""
+    """Return width and height from the header of a jpeg; MessageError without one."""
     raw, place = data.data, 2
     while place + 4 <= len(raw) and raw[place] == 0xFF:
         marker = raw[place + 1]
@@ -121,7 +121,7 @@ def jpeg_size(data: Bytes) -> tuple[int, int]:
 
 
 def png_size(data: Bytes) -> tuple[int, int]:
-    """Width and height by the header of a png; MessageError without one."""
+    """Return width and height from the header of a png; MessageError without one."""
     raw = data[8:25].tobytes()
     if len(raw) < 17 or raw[4:8] != b'IHDR':
         raise MessageError(
@@ -144,7 +144,7 @@ def _stderr_into(file: int) -> Iterator[None]:
 
 
 def _of_decoders(complaints: bytes) -> bytes:
-    """Return the messages of the decoders; output of other code is passed on."""
+    """Return the messages of the decoders; pass on the output of other code."""
     remaining = _BY_DECODERS.sub(b'', complaints)
     if remaining:
         os.write(2, remaining)

@@ -1,4 +1,4 @@
-"""Pass messages of `targets` to the consistency monitor; the same code live and in a replay."""
+"""Pass messages of `targets` to the consistency monitor, live and in a replay."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ STATE_POINT = np.dtype(
 
 
 class StateMode(IntEnum):
-    """Source of a state."""
+    """Type of estimate on which a state is based."""
 
     PREDICTION = 0
     FUSED = 1

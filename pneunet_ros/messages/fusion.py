@@ -73,7 +73,7 @@ def force_cloud(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
 
 
 def contact_points(fused: FusedEstimate) -> npt.NDArray[Any]:
-    """Return the record of CONTACT_POINT; none without a contact or if it may be a tip force."""
+    """Return the records of CONTACT_POINT; none without a contact, or if it may be a tip force."""
     contact = fused.contact
     if contact is None or contact.ambiguous:
         return np.zeros(0, CONTACT_POINT)
@@ -104,7 +104,7 @@ def end_wrench(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
 
 
 def pressure_bias(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
-    """Build a FluidPressure of the slow pressure-like error (Pa) and its variance (Pa^2)."""
+    """Build a FluidPressure of the slow pressure error (Pa) and its variance (Pa^2)."""
     return types(PRESSURE_TYPE)(
         header=heading, fluid_pressure=fused.pressure_bias, variance=fused.pressure_bias_std**2
     )
@@ -144,7 +144,7 @@ FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
 def fuse_message(
     fusion: Fusion, state: FusionState, sensor: Input[Any], message: Any
 ) -> tuple[FusionState, FusionOutcome]:
-    """Process a message of pressure, end wrench or targets; the same code live and in a replay.
+    """Process a message of pressure, end wrench or targets, live and in a replay.
 
     The outcome is that of `Fusion.step`; an invalid message is counted and gives a Refusal.
     """

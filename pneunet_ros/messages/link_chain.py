@@ -2,7 +2,7 @@
 
 Each link is the chord between two stations: a revolute joint turns it relative to the previous
 link, and a prismatic joint adjusts its length to the chord, which is shorter if the arm bends and
-longer if it stretches. So the ends of the links lie exactly on the centerline.
+longer if it stretches. Therefore the ends of the links lie exactly on the centerline.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ JOINT_STATES: Output[ShapeEstimate] = Output(
 def urdf(name: str, arclength: Array, frame_id: str, tip_frame: str) -> str:
     """Return the URDF of the chain of links of an arm.
 
-    name: of the arm; arclength (stations,) m of the estimator; frame_id and tip_frame: the links
-    at the clamp and at the free end, which are frames as well.
+    name of the arm; arclength (stations,) m of the estimator; frame_id and tip_frame: the links at
+    the clamp and at the free end, which are frames as well.
     """
     robot = ElementTree.Element('robot', name=name)
     add_link(robot, frame_id)

@@ -145,7 +145,7 @@ def tip_transform(
 
 
 def markers_output(arm: ArmInUse) -> Output[ShapeEstimate]:
-    """Return the topic `markers`; arm: gives the arm that is in use when a message is built."""
+    """Return the topic `markers`; arm: returns the arm in use when a message is built."""
     return Output(name='markers', type=MARKERS_TYPE, build=partial(marker_array, arm=arm))
 
 

@@ -1,4 +1,4 @@
-"""The sensors: for each its topic, conversion of messages to readings and back, and its numbers.
+"""Sensors: the topic of each, conversion of messages to readings and back, and its numbers.
 
 `SENSORS` is the only list of them, used by all code that replays, checks, exports, imports and
 writes recordings. ROS is not imported: a message is anything with the fields of its type, from
@@ -55,7 +55,7 @@ _OF_A_TARGET = ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
 
 class UnusableTopic(MessageError):
-    """Every message of this topic is unusable, not only the present one."""
+    """No message of this topic is usable, not just not the present one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,8 +76,8 @@ class Sensor(Input[ReadingType]):
     array for each, with one entry per target, NaN if it was not seen; with `partial` some
     components may be unknown (NaN). `message(stamp_ns, row, frame_id, types)` builds the message
     of a row. `row(message, settings, targets)` returns stamp (ns) and row, or raises MessageError;
-    without it, a row consists of the fields of the reading named as the components. needed:
-    whether the estimator reads the topic with these settings.
+    without it, a row consists of those fields of the reading that are named like the components.
+    needed: whether the estimator reads the topic with these settings.
     """
 
     label: str
@@ -223,7 +223,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     """Return the targets in a PointCloud2, in order of their ids, NaN where one was not seen.
 
     x, y may be float32 or float64 and the points in any order; fields other than x, y and id may
-    be missing. Tag trackers write 0, 0 for unseen targets, so this means "not seen" except for a
+    be missing. Tag trackers write 0, 0 for unseen targets, so this means "not seen", except for a
     target at the clamp. Raises MessageError for a frame other than `frame_id`, a missing field,
     ids that are not 0, 1, ... once each, and a number of points other than `targets` (None: any).
     """

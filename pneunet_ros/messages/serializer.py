@@ -1,8 +1,8 @@
-"""Serialized messages filled in place: same bytes as plain serialization, many times faster.
+"""Serialized messages filled in place: the same bytes as plain serialization, but much faster.
 
-Between results only the stamps and numbers of a message change. So a message with known stamps and
-numbers is serialized once, their offsets are found in its bytes, and after that only these are
-filled in.
+Between results, only the stamps and numbers of a message change. Therefore a message with known
+stamps and numbers is serialized once, their offsets are found in its bytes, and then only these
+are filled in.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class CdrTemplate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MessageSerializer:
-    """Serializes outputs with constant frame and type, and changing numbers.
+    """Serializes outputs with constant frame and type, in which only stamps and numbers change.
 
     serialize: plain serialization of a message of a named type into little-endian CDR.
     """

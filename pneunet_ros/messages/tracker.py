@@ -55,7 +55,7 @@ def decode_image(message: Any) -> Image:
 def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
     """Return the image of a CompressedImage as mono8; MessageError if it cannot be read.
 
-    colored: as bgr8 instead.
+    colored: whether to return it as bgr8 instead.
     """
     with usable(COMPRESSED_TYPE):
         stamp_ns = nanoseconds(message.header.stamp)

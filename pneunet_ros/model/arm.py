@@ -76,20 +76,20 @@ class Arm:
     of effects; `sources`: source of each number. `domain`: range of the calibration; `load_hull`:
     convex hull of its loads, None if unknown. `table_range` (Pa) is the common range of intrinsic
     curvature and moment law, `pressure_range` (Pa) its part within the domain. `gravity`:
-    direction of the weight; `motion`: None without inertia; `inertia`: the same, including changes
-    by an effect. `sensing`, `seeing` and `acting` are the effects on readings, the effects on seen
-    points, and the effects with a history; `history_dependent` are the indices in `acting` of
-    effects whose history changes the rod; `by_load`: effects that depend on the end load and are
-    not neutral. `parted`: names of effects that act on a part of the arm; neutral ones do not,
-    unless listed in `divided` or in the covariance; curved_ends (m): ends of the parts with their
-    own curvature.
+    direction of the weight; `motion`: None without inertia; `inertia`: `motion` including the
+    changes by an effect. `sensing`, `seeing` and `acting` are the effects on readings, the effects
+    on seen points, and the effects with a history; `history_dependent` are the indices in `acting`
+    of effects whose history changes the rod; `by_load`: effects that depend on the end load and
+    are not neutral. `parted`: names of effects that act on a part of the arm, without neutral ones
+    unless these are listed in `divided` or in the covariance; curved_ends (m): ends of the parts
+    with their own curvature.
     """
 
     name: str
     length: float = quantity(unit='m', meaning='length of the material line', bounds=(1e-4, 10.0))
     weight: float = quantity(unit='N', meaning='mg, the scale of forces', bounds=(1e-6, 1e4))
     tip_cap: float = quantity(
-        0.0, unit='m', meaning='rigid part beyond the soft end', bounds=(0.0, 10.0)
+        0.0, unit='m', meaning='length of the rigid part beyond the soft end', bounds=(0.0, 10.0)
     )
     clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
     target_arclength: Array = field(default_factory=lambda: np.zeros(0))
@@ -128,8 +128,8 @@ class Arm:
         )
         if not inside or not np.all(np.diff(targets) > 0.0):
             raise ModelError(
-                f'arm.target_arclength must increase within 0 and the length {self.length} m'
-                + (f' and the cap of {self.tip_cap} m' if self.tip_cap else ''),
+                'arm.target_arclength must increase, from 0 or more to at most the length '
+                f'{self.length} m' + (f' and the cap of {self.tip_cap} m' if self.tip_cap else ''),
                 reason='not_increasing',
             )
         object.__setattr__(self, 'inertia', self._inertia())
@@ -237,13 +237,13 @@ class Arm:
 
     @property
     def force_scale(self) -> float:
-        """The largest end force of the calibration (N), or the weight without one."""
+        """The largest end force of the calibration (N), or the weight if there is none."""
         largest = 0.0 if self.domain is None else self.domain.largest_force
         return largest if largest > 0.0 else self.weight
 
     @property
     def clamp_record(self) -> Array:
-        """Clamp and weight of the tip mass, as (5,) of the record of a rod."""
+        """Clamp, and weight of the tip mass, as (5,) of the record of a rod."""
         clamp = np.zeros(CLAMP_WIDTH)
         clamp[CLAMP_ANGLE] = self.clamp_angle
         if self.inertia is not None:
@@ -284,7 +284,7 @@ class Arm:
         return cut_rotation(rotation, knots, self.curved_ends)
 
     def beyond_range(self, pressure: float) -> float:
-        """Distance of a pressure from the calibrated range, as a share of it; 0 inside.
+        """Distance of a pressure from the calibrated range, relative to the range; 0 inside.
 
         A distance explained by the noise of its sensor counts as inside.
         """
@@ -295,7 +295,7 @@ class Arm:
         return outside / (high - low) if high > low else math.inf
 
     def sense(self, load: Load) -> Load:
-        """Return the true load behind readings of pressure and wrench."""
+        """Return the true load that corresponds to readings of pressure and wrench."""
         for effect in self.sensing:
             load = effect.sense(load)
         return load
@@ -351,7 +351,7 @@ class Arm:
         return tuple(following), pressure
 
     def in_play(self, history: tuple[History, ...]) -> bool:
-        """Whether a small pressure change at the sensor does not reach the chamber (play)."""
+        """Whether a small pressure change at the sensor does not reach the chamber (dead band)."""
         return any(
             effect.in_play(state) for effect, state in zip(self.acting, history, strict=True)
         )
@@ -423,8 +423,7 @@ class Arm:
         """Return all pressures with a row of curvature or law, and the rod records there.
 
         The first and last row are at the limits of extrapolation. Beyond its own table the law is
-        constant, because a line through rigidities may pass through zero, and l1 may leave the
-        arm.
+        constant, because an extrapolated rigidity may pass through zero, and l1 may leave the arm.
         """
         law, (low, high) = self.moment_law, self.table_range
         margin = EXTRAPOLATION * (high - low)

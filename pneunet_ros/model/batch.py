@@ -1,7 +1,7 @@
 """Solve many equilibria of one arm at once, around a known one, for fits, samples and sweeps.
 
-The tangent at the known shape gives every start; the rest is vectorized. A rod that does not
-converge is solved separately.
+The tangent at the known shape gives every start; the rest is vectorized. Rods that do not converge
+are solved separately.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def solve_many(
     Args:
         arm: the calibrated arm.
         pressure: of the chamber, (n,) Pa gauge.
-        force: F1, F2 on the free end, (n, 2) N, in the base frame. Loads are true ones: sensing
+        force: F1, F2 on the free end, (n, 2) N, in the base frame. Loads are true loads: sensing
             effects are not applied.
         moment: on the free end, (n,) or one for all, N m.
         start: a converged shape near all of them.

@@ -1,4 +1,4 @@
-"""Position of a load relative to the domain of a model: inside, slightly or far outside.
+"""Position of a load relative to the domain of a model: inside, slightly outside or far outside.
 
 Estimator, replay, verbs and reports use this same rule.
 """

@@ -20,8 +20,8 @@ ROUNDING = 1e-3  # a unit vector written with three digits may be longer than 1 
 FRAME_NAME = re.compile(r'/?[A-Za-z_][\w/.-]*')
 ALLOWED = (
     f'must be {OUT_OF_PLANE}, or x and y of the unit vector that points down, in the base frame, '
-    f'as [0, -1]; shorter if the plane is tilted. For a base that turns, use {IMU}, or the name '
-    'of a tf frame whose z axis points up'
+    f'as [0, -1]; shorter if the plane is tilted. For a base that rotates, use {IMU}, or the '
+    'name of a tf frame whose z axis points up'
 )
 
 
@@ -30,8 +30,8 @@ class Gravity:
     """In-plane components of the unit vector along gravity.
 
     Both are zero if gravity is normal to the bending plane, because the weight then has no effect.
-    source: of the measured direction. Empty: `base_imu`, if there is one; `FIXED`: none; `IMU`:
-    only `base_imu`; any other: the name of a tf frame whose z axis points up.
+    source of the measured direction. Empty: `base_imu`, if there is one; `FIXED`: none; `IMU`:
+    only `base_imu`; any other text: the name of a tf frame whose z axis points up.
     """
 
     x: float = quantity(0.0, unit='-', meaning='share of gravity along E1', bounds=(-1.0, 1.0))
@@ -65,7 +65,7 @@ def gravity_of(direction: Any, *, fixed: bool = False) -> Gravity:
     Args:
         direction: `out_of_plane`; x and y of the unit vector that points down in the base frame,
             as two numbers or as a text such as `0, -1`; `imu`; or the name of a tf frame.
-        fixed: numbers take precedence over `base_imu`.
+        fixed: whether numbers take precedence over `base_imu`.
 
     Returns:
         The gravity.

@@ -90,9 +90,9 @@ def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
     refused = {
         'stretches': soft[:, :, [AXIAL_COMPLIANCE, REST_STRAIN]].any(),
         'is pushed at a place': bool(rods.push.any()),
-        'is loaded beside its tip': rods.clamp[:, LOAD_OFFSET].any(),
+        'is loaded at an offset from its tip': rods.clamp[:, LOAD_OFFSET].any(),
         'changes with its end load': bool(arm.by_load),
-        'has a weight or a stiffening that is not uniform along it': (
+        'has a weight or a stiffening that is not uniform along the arm': (
             not np.allclose(everywhere, everywhere[0, 0], rtol=1e-9, atol=0.0)
         ),
         'has a clamp whose heading depends on the pressure': (

@@ -61,11 +61,11 @@ def solve_tip(
         pressure: reading of the sensor, held constant; Pa gauge.
         tip: x, y of the free end, m, in the base frame.
         moment: on the free end, which must be known; N m.
-        start: a neighboring shape whose branch is followed.
+        start: a neighboring shape, whose branch is followed.
         stations: number of equally spaced points along the arm.
 
     Returns:
-        The shape; its `force` is that of the surroundings on the arm. If the tip does not
+        The shape; its `force` acts on the arm. If the tip does not
         determine the force, a failed shape whose `status` says so.
 
     Raises:
@@ -116,7 +116,7 @@ class TipSearch:
         return solve_rod(self.arm, rods, load, start, arclength, EXACT, quick)
 
     def tip_error(self, shape: Shape) -> float:
-        """Return the distance (m) of a shape's tip from the wanted position."""
+        """Return the distance (m) of a shape's tip from the goal."""
         return math.dist(shape.tip[:2], self.tip)
 
     def initial_guesses(self, unloaded: Shape) -> list[Shape]:

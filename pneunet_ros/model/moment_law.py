@@ -17,7 +17,7 @@ from pneunet_ros.core.units import check_quantities, quantity
 
 
 class MomentLaw(abc.ABC):
-    """A moment law: constants of the rod per section, as functions of pressure."""
+    """A moment law: constants of the rod in every section, as functions of the pressure."""
 
     __slots__ = ()
     kind: ClassVar[str]
@@ -84,7 +84,7 @@ class PiecewiseLinearLaw(MomentLaw):
         if np.any(sign == 0.0) or np.any(sign != sign[0]):
             raise ModelError(
                 f'{where}.rigidity may be negative, but must not be zero or change sign between '
-                'rows: in between it would pass through zero, where the shape is undefined',
+                'rows, because the shape is undefined where it passes through zero',
                 reason='singular_rigidity',
             )
 
@@ -104,12 +104,12 @@ class PiecewiseLinearLaw(MomentLaw):
 
     @property
     def pressure_range(self) -> tuple[float, float]:
-        """First and last row."""
+        """The pressures of the first and the last row."""
         return float(self.pressure[0]), float(self.pressure[-1])
 
     @property
     def table_pressures(self) -> Array:
-        """The rows."""
+        """The pressures of the rows."""
         return self.pressure
 
 

@@ -21,7 +21,7 @@ class Motion:
         bounds=(0.0, 1e3),
     )
     damping_time: float = quantity(
-        0.0, unit='s', meaning='damping over stiffness, of Kelvin and Voigt', bounds=(0.0, 1e3)
+        0.0, unit='s', meaning='damping over stiffness (Kelvin-Voigt)', bounds=(0.0, 1e3)
     )
     mass_error: float = quantity(
         0.0,

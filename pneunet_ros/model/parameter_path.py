@@ -13,7 +13,7 @@ from pneunet_ros.core.errors import ModelError
 
 
 def unknown_quantity(name: str) -> str:
-    """Return the message for a name that is not a number of the model."""
+    """Return the message for a name that does not belong to a number of the model."""
     return (
         f'the model has no quantity {name}; valid names are, for example, arm.length, '
         'intrinsic_curvature.curvature.3.5, moment_law.rigidity.0.1, effects.gravity.weight_y'
@@ -22,7 +22,7 @@ def unknown_quantity(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """A change of the number at a path; `name`: for messages."""
+    """A change of the number at a path; `name` is for messages."""
 
     path: tuple[str, ...]
     amount: float

@@ -55,7 +55,8 @@ def with_part_load(rods: Rods, load: PartLoad) -> Rods:
 def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Perturbation:
     """Return the derivatives of a record with respect to a load on a part of the rod.
 
-    Two further causes come before those of the end load: its force (per N) and place (per m).
+    Two further causes come before those of the end load: the force (per N) and the place (per m)
+    of this load.
     """
     sides = [with_part_load(side, load) for side in changes.sides(rods)]
     known = replace(

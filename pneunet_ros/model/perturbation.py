@@ -31,7 +31,7 @@ class Perturbation:
     The first axes are side (before, after) and cause, the others those of `Rods`: length (2,
     causes), sections (2, causes, sections, 8), clamp (2, causes, 5), knots (2, causes, pieces +
     1), rotation (2, causes, pieces, 5), push (2, causes, pushes, sections), push_place (2, causes,
-    pushes). distance (causes,): between the sides. by_load: whether the last three causes are F1
+    pushes). distance (causes,) between the sides. by_load: whether the last three causes are F1
     and F2 (per N) and M (per N m), on which the record depends through effects. same_places:
     whether length and knots equal those of the rod on all sides.
     """
@@ -118,7 +118,8 @@ class Perturbation:
     def moved(self, rods: Rods, amounts: Array) -> Rods:
         """Return a record (the first of `rods`) moved by amounts of each cause, (causes,).
 
-        Causes of the loads are omitted, because the record already includes their changes.
+        The causes of the loads are omitted, because the record already includes the changes by the
+        loads.
         """
         if not amounts.any():
             return rods
@@ -161,15 +162,17 @@ class PerturbationTable:
     effects; contributions that depend on pressure or history are added at each call.
 
     neighbors: the arm before each column, then the arm after each; sides: the arm itself and the
-    arms before each column, then the arm itself and those after. distance (1 + columns,): between
+    arms before each column, then the arm itself and those after. distance (1 + columns,) between
     the sides, in Pa for the pressure and in sigma for the columns; length, knots and same_places:
-    as in the changes, independent of pressure. table, clamp: of all sides; own: of the arm alone.
+    as in `Perturbation`, independent of pressure. table, clamp: those of all sides; own: the table
+    of the arm alone.
     """
 
     def __init__(self, *, arm: Arm, further: Sequence[Mapping[str, float]] = ()) -> None:
         """Stack the neighbors.
 
-        further: columns in addition to those of the covariance: change of each quantity per unit.
+        further: columns in addition to those of the covariance, as the change of each quantity per
+        unit.
         """
         self.arm: Final = arm
         known = () if arm.covariance is None else arm.covariance.columns()
@@ -223,7 +226,7 @@ class PerturbationTable:
 
         The causes are a sudden change of the pressure, per Pa, then each column of the covariance,
         per sigma, then the end load if effects depend on it. The neighbors share the history of
-        the arm: the influence of parameters on it is neglected.
+        the arm: the influence of parameters on the history is neglected.
         """
         arm, step = self.arm, 0.5 * float(self.distance[0])
         at = freeze(np.array([pressure]))
@@ -338,7 +341,7 @@ def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
             reason = error
     if distance == 0.0:
         raise ModelError(
-            f'covariance: a column leads out of bounds in both directions: {reason}',
+            f'covariance: a column moves a quantity out of bounds in both directions: {reason}',
             reason='out_of_bounds',
         )
     return sides[0], sides[1], distance
@@ -362,8 +365,9 @@ def constant_records(
 def both_sides(record: Array, sides: Array) -> Array:
     """Return numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
 
-    record (3, ...): at the pressure, before and after it; sides (2 + 2 columns, ...), which are
-    overwritten: at the pressure and before each column, then at the pressure and after each.
+    record (3, ...): at the pressure, before it and after it; sides (2 + 2 columns, ...), which are
+    overwritten: at the pressure and before each column, then at the pressure and after each
+    column.
     """
     two_sided = sides.reshape(2, len(sides) // 2, *record.shape[1:])
     two_sided[:, 0] = record[1:]
@@ -430,7 +434,7 @@ def with_pressure_change(
 ) -> tuple[Rods, Perturbation]:
     """Return the rod record at a chamber pressure (Pa), its change per sudden pascal.
 
-    If effects depend on the end load, the resulting changes follow.
+    If effects depend on the end load, the changes by the end load come last.
     """
     step = pressure_step(arm)
     every = near_records(arm, chamber_pressure, step, history, load)

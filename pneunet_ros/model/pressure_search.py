@@ -58,8 +58,8 @@ def pressure_for_force(
         moment: on the free end, N m.
 
     Returns:
-        The sensor reading at that pressure, Pa gauge, and the shape; its `force` is that of the
-        surroundings on the arm. Of several pressures, the lowest.
+        The sensor reading at that pressure, Pa gauge, and the shape; its `force` acts on the arm.
+        If there are several such pressures, it is the lowest.
 
     Raises:
         RequestError: a value is not a finite number, or no pressure of the calibrated range gives

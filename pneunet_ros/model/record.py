@@ -72,7 +72,7 @@ def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, 
 
 
 def owners(sections: Array, cut: Array) -> Indices:
-    """Return the index of the original section (n, sections, 8) of each cut piece."""
+    """For each piece of a cut section, return the index of the original, (n, sections, 8)."""
     reached = cut[:, :, None, START] >= sections[:, None, :, START]
     return np.asarray(reached.sum(axis=2) - 1)
 
@@ -121,7 +121,7 @@ def add_curvature(rotation: Array, knots: Array, terms: Terms, length: float) ->
 
 
 def add_parts(record: Record, every: Sequence[Terms], length: float, reach: float) -> Record:
-    """Return a record with terms on parts of the arm; length, reach (m): of the arm."""
+    """Return a record with terms on parts of the arm; length, reach (m) of the arm."""
     every = [terms for terms in every if terms.part is not None]
     if not every:
         return record

@@ -18,9 +18,9 @@ class Shape:
     `status` says why.
 
     `residual`: largest violation of the rod equations in rad, at the Gauss points and between them
-    (where it is a bound, about 20 times the error at stations). `stable`: whether the equilibrium
-    is an energy minimum under dead load (None: undefined, negative rigidity); `extrapolated`:
-    whether the pressure is outside the calibrated range.
+    (a bound: about 20 times the error at stations). `stable`: whether the equilibrium is an energy
+    minimum under dead load (None: undefined, negative rigidity); `extrapolated`: whether the
+    pressure is outside the calibrated range.
     """
 
     arclength: Array

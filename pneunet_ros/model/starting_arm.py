@@ -1,4 +1,4 @@
-"""Initial arm for a calibration: measured size and weight, placeholders for the rest."""
+"""Initial arm for a calibration: measured size and weight, placeholders for all other values."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def starting_arm(
 def even_places(length: float, targets: int, diameter: float, step: float) -> Array:
     """Return positions (targets,) m from the clamp, in whole steps (m).
 
-    The last dot lies completely on the arm.
+    The last dot is completely on the arm.
     """
     spacing = (length - 0.5 * diameter) / (targets - 1)
     steps = np.arange(targets) * int(spacing / step + 1e-9)

@@ -67,7 +67,7 @@ class String:
             raise RequestError(
                 f'the eye of the string at {millimeters(self.x):.4g}, {millimeters(self.y):.4g} '
                 f'mm lies on the arm ({millimeters(float(np.nanmin(distance))):.2g} mm away from '
-                'it); X and Y are the point where the thread leaves its eye or pulley, in the '
+                'it); X and Y are the point where the thread leaves the eye or pulley, in the '
                 'base frame at the clamp',
                 reason='out_of_bounds',
             )
@@ -116,10 +116,13 @@ def solve_string(
     if shape.converged and share < 1.0:
         eye_in_reach = math.hypot(string.x, string.y) <= arm.reach
         raise RequestError(
-            f'a string of {string.tension:.3g} N finds no equilibrium beyond '
-            f'{share * string.tension:.3g} N'
-            + ': its eye is within reach of the tip, so the tip is pulled into it; X and Y are '
-            'in the base frame at the clamp' * eye_in_reach,
+            f'the arm has no equilibrium with a string of {string.tension:.3g} N: the search '
+            f'ended at {share * string.tension:.3g} N'
+            + (
+                ', because its eye is within reach of the tip, which is pulled into it; X and Y '
+                'are in the base frame at the clamp'
+            )
+            * eye_in_reach,
             reason='no_equilibrium',
         )
     return shape
@@ -145,10 +148,10 @@ def settle(
 
 
 def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
-    """Return the amplification of tip changes (x, y, theta) as the string turns, (3, 3).
+    """Return the amplification of tip changes (x, y, theta) because the string rotates, (3, 3).
 
-    jacobian (3, 4): of the tip under a constant force. Multiply the Jacobian, or a root of the
-    covariance, by this from the left.
+    jacobian (3, 4) of the tip under a constant force. Multiply the Jacobian, or a root of the
+    covariance, by the result from the left.
     """
     turning = np.zeros((3, 3))
     turning[:, :2] = jacobian[:, 1:3] @ string.slope(tip[:2])

@@ -1,4 +1,4 @@
-"""Uncertainty of sensors and model: a sigma per sensor, a low-rank covariance of the model."""
+"""Uncertainty of sensors and model: a sigma per sensor and a low-rank covariance of the model."""
 
 from __future__ import annotations
 
@@ -25,10 +25,13 @@ class SensorNoise:
     moment_std: float = quantity(unit='N m', meaning='end moment', bounds=_POSITIVE)
     target_std: float = quantity(unit='m', meaning='target position, white', bounds=_POSITIVE)
     placement_std: float = quantity(
-        0.0, unit='m', meaning='painted place of a target, turns with the arm', bounds=_POSITIVE
+        0.0,
+        unit='m',
+        meaning=('position of a painted target, rotates with the arm'),
+        bounds=_POSITIVE,
     )
     registration_std: float = quantity(
-        0.0, unit='m', meaning='place of the camera, per recording', bounds=_POSITIVE
+        0.0, unit='m', meaning='position of the camera, per recording', bounds=_POSITIVE
     )
     drift_std: float = quantity(
         0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
@@ -36,19 +39,19 @@ class SensorNoise:
     row_offset_std: float = quantity(
         0.045,
         unit='-',
-        meaning='distance of the row of targets from the neutral line, over its length',
+        meaning='offset of the row of targets from the neutral line, relative to its length',
         bounds=_POSITIVE,
         source="5 of 110 mm: the side wall of the paper's arm is 6 mm from its middle",
     )
     row_spacing_std: float = quantity(
         0.05,
         unit='-',
-        meaning='error of the spacing of the targets, over the spacing of the arm file',
+        meaning='error of the spacing of the targets, relative to the spacing in the arm file',
         bounds=_POSITIVE,
-        source='convention: one dot more or less in 20, where dots are painted by hand',
+        source='convention: one dot more or less in 20, if dots are painted by hand',
     )
     heading_std: float = quantity(
-        0.0, unit='rad', meaning='measured heading of the tip; 0: not known', bounds=_POSITIVE
+        0.0, unit='rad', meaning='measured heading of the tip; 0: unknown', bounds=_POSITIVE
     )
 
     def __post_init__(self) -> None:
@@ -99,9 +102,9 @@ class ModelCovariance:
     """Covariance C = factor factor^T of model quantities, named by dotted paths.
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
-    factor (quantities, columns), SI, at most 12 columns; placement: of the calibrated targets,
-    None if unknown. guessed: number of columns at the end that are not constants but model error,
-    of a size guessed by the calibration.
+    factor (quantities, columns), SI, at most 12 columns; placement of the calibrated targets, None
+    if unknown. guessed: number of columns at the end that are not constants but model error, whose
+    size the calibration guessed.
     """
 
     quantities: tuple[str, ...]
@@ -146,8 +149,8 @@ class ModelCovariance:
 def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str]) -> str:
     """Name the model error that the standard deviations do not include; empty if none.
 
-    covariance, sources: of the model. The stiffness counts as measured if the covariance includes
-    it and no source contradicts this.
+    covariance, sources: those of the model. The stiffness counts as measured if the covariance
+    includes it and no source contradicts this.
     """
     if covariance is None:
         return (

@@ -22,7 +22,7 @@ def links_at(solution: SolverNodes) -> Links:
 
 
 def masses_of(arm: Arm) -> Masses:
-    """Return the masses of the links: the weight is spread over the soft length."""
+    """Return the masses of the links: the weight is distributed over the soft length."""
     borders = np.linspace(0.0, arm.reach, LINKS + 1)
     soft = np.diff(np.minimum(borders, arm.length)) / arm.length
     tip = 0.0 if arm.inertia is None else arm.inertia.tip_mass
@@ -33,7 +33,7 @@ def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
     """Return the slowest vibrations of an arm about an equilibrium.
 
     Args:
-        arm: the arm; its weight is its mass, and `motion` adds that of the tip and the damping.
+        arm: the arm; its weight gives its mass, `motion` the mass at the tip and the damping.
         shape: the equilibrium, from `solve`.
         count: number of modes.
 

@@ -1,4 +1,4 @@
-"""The rest shape of a MuJoCo finger, computed without simulating the transient."""
+"""The rest shape of a MuJoCo finger, computed without simulating transients."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None
             unbalanced(qpos)
             return
     raise RequestError(
-        'the MuJoCo finger finds no equilibrium: use smaller loads', reason='no_equilibrium'
+        'no equilibrium of the MuJoCo finger was found: use smaller loads', reason='no_equilibrium'
     )
 
 
 def towards_rest(slope: Array, force: Array) -> Array:
     """Return the Newton step (joints,) rad, or a downhill step if the energy is not convex.
 
-    slope (joints, joints): of the unbalanced force (joints,). The downhill step uses the absolute
+    slope (joints, joints) of the unbalanced force (joints,). The downhill step uses the absolute
     eigenvalues (saddle-free Newton, Dauphin et al. 2014).
     """
     values, vectors = np.linalg.eigh(-0.5 * (slope + slope.T))

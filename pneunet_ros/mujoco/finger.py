@@ -14,8 +14,8 @@ from pneunet_ros.mujoco.library import load_mujoco
 class Finger:
     """One finger of a MuJoCo model written by `pneunet mjcf`.
 
-    model, data: `mujoco.MjModel` and `mujoco.MjData`, possibly with other bodies. prefix: of its
-    names, if `MjSpec.attach` has added several fingers to one model.
+    model, data: `mujoco.MjModel` and `mujoco.MjData`, possibly with other bodies. prefix: that of
+    its names, if `MjSpec.attach` has added several fingers to one model.
 
     >>> finger = Finger(model, data)
     >>> finger.set_pressure(31e3)
@@ -105,7 +105,7 @@ class Finger:
         self.model.dof_damping[self._dof] = self._damping_beyond_integrator() * tangent
 
     def _damping_beyond_integrator(self) -> float:
-        """Return the remaining damping time (s) for the hinges.
+        """Return the damping time (s) that the hinges need in addition to that of the integrator.
 
         The integrator `discrete` steps with M + h D + h^2 K, which damps like a damping time of h.
         """

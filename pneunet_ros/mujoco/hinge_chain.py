@@ -1,7 +1,7 @@
 """A finger as a chain of hinges, and its MJCF.
 
-Each hinge represents a part of the finger and is in the middle of it, so the first one is half a
-link from the clamp; links are straight and have the mass. The angle of a hinge under a bending
+Each hinge represents a part of the finger and is in its middle, so the first hinge is half a link
+from the clamp; the links are straight and carry the mass. The angle of a hinge under a bending
 moment M is rest + M / stiffness. Statics are second-order accurate in the length of a link: with
 56 links, a 112 mm finger is within 0.02 mm of the rod.
 """
@@ -35,10 +35,14 @@ class HingeChain:
 
     name: str
     length: float = quantity(unit='m', meaning='soft length', bounds=(1e-4, 10.0))
-    tip_cap: float = quantity(0.0, unit='m', meaning='rigid part beyond it', bounds=(0.0, 10.0))
+    tip_cap: float = quantity(
+        0.0, unit='m', meaning=('length of the rigid part beyond it'), bounds=(0.0, 10.0)
+    )
     clamp_angle: float = quantity(0.0, unit='rad', meaning='heading at rest', bounds=(-7.0, 7.0))
-    mass: float = quantity(unit='kg', meaning='spread evenly along the length', bounds=(1e-9, 1e4))
-    tip_mass: float = quantity(0.0, unit='kg', meaning='at the free end', bounds=(0.0, 1e4))
+    mass: float = quantity(
+        unit='kg', meaning=('mass, distributed evenly along the length'), bounds=(1e-9, 1e4)
+    )
+    tip_mass: float = quantity(0.0, unit='kg', meaning='mass at the free end', bounds=(0.0, 1e4))
     damping_time: float = quantity(
         0.0,
         unit='s',
@@ -46,7 +50,7 @@ class HingeChain:
         bounds=(0.0, 1e3),
     )
     radius: float = quantity(
-        unit='m', meaning='of the capsules that touch things', bounds=(1e-6, 1.0)
+        unit='m', meaning='radius of the collision capsules', bounds=(1e-6, 1.0)
     )
     timestep: float = quantity(1e-3, unit='s', meaning='of the simulation', bounds=(1e-6, 0.1))
     hinge: Array

@@ -1,4 +1,4 @@
-"""What configurations of an arm have in common, and the content of `model_info`."""
+"""Common parts of the configurations of an arm, and the content of `model_info`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ArmConfiguration(ABC):
         return sensor_description(self.settings)
 
     def info_with(self, **entries: Any) -> str:
-        """Return the content of the topic model_info, with further entries."""
+        """Return the content of the topic model_info, with additional entries."""
         arm, settings = self.arm, self.settings
         return model_info(
             arm,
@@ -66,7 +66,7 @@ class ArmConfiguration(ABC):
 
 
 def arm_of(node: Any, current: ArmConfiguration | None) -> Arm:
-    """Return the arm of a node's settings: that of `current`, or as read from the model file."""
+    """Return the arm for a node's settings: that of `current`, or read from the model file."""
     if current is not None:
         before = current.node
         if (node.model_file, node.gravity) == (before.model_file, before.gravity):
@@ -75,6 +75,6 @@ def arm_of(node: Any, current: ArmConfiguration | None) -> Arm:
 
 
 def model_info(arm: Arm, file: Path, **entries: Any) -> str:
-    """Return the JSON text of model_info for an arm from a file, with further entries."""
+    """Return the JSON text of model_info for an arm from a file, with additional entries."""
     identity = {'name': arm.name, 'hash': model_hash(arm), 'file': str(file), 'length': arm.length}
     return json.dumps({**identity, **entries, 'version': __version__})

@@ -29,9 +29,10 @@ class CallbackErrors:
     def guarded(
         self, callback: Callable[..., Any], failed: Callable[..., Any] = lambda *arguments: None
     ) -> Callable[..., Any]:
-        """Wrap a callback so that it raises nothing; failed: returns its result after an error.
+        """Wrap a callback so that it raises nothing; failed: returns the result after an error.
 
-        An error after a signal ends the node: ROS raises errors in calls that a signal interrupts.
+        After a signal, however, an error ends the node, because ROS raises errors in calls that a
+        signal interrupts.
         """
 
         @wraps(callback)

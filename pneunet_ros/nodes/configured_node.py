@@ -33,7 +33,7 @@ from std_srvs.srv import Trigger
 
 
 class Configuration(Protocol):
-    """Everything that the parameters of a node specify, ready for use."""
+    """Everything that the parameters of a node define, ready for use."""
 
     @property
     def model(self) -> str:
@@ -83,7 +83,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.open_diagnostics()
 
     def open_diagnostics(self) -> None:
-        """Report that the node is running and preparing."""
+        """Publish that the node is running but not ready yet."""
         self.diagnostics = publisher(
             self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
         )
@@ -213,7 +213,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.publish_model_info()
 
     def publish_model_info(self) -> None:
-        """Publish which model is in use, for present and later subscribers."""
+        """Publish which model is in use, for current and later subscribers."""
         content = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
         if self.sensors is not None:
             content['sensors_set_ns'] = self.other_descriptions.set_ns
@@ -259,11 +259,11 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.log.refusal(refusal, now - self.ready_at, now)
 
     def note_message(self, topic: str, info: Mapping[str, int | None]) -> None:
-        """Count messages of a topic lost before this one."""
+        """Count the messages of a topic that were lost before this one."""
         self.losses.take(topic, info, self.count_publishers)
 
     def publish_report(self, what: str, report: Report) -> None:
-        """Publish a report as diagnostics; what: the subject of the diagnostics."""
+        """Publish a report as diagnostics; what: the subject of the report."""
         shared = map(self.resolve_topic_name, (self.INFO_TOPIC, *self.SHARED_INPUTS))
         rivals = '; '.join(rival_sentences(self, list(shared)))
         mismatched = '; '.join(mismatch_sentences(self))
@@ -306,9 +306,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 def watch_clock(node: Any, log: Callable[[str], None]) -> Any:
     """Report when the node's clock jumps back, or forward by more than a report period.
 
-    A restarted simulator or a looping bag do so. Only messages stamped with the present use this
-    time: readings use their own stamps, and timers the steady clock. Returns an object that must
-    be kept as long as the time is to be watched.
+    A restarted simulator or a looping bag causes this. Only messages stamped with the current time
+    use this clock: readings have their own stamps, and timers use the steady clock. Returns an
+    object that must be kept as long as the clock is to be watched.
     """
     threshold = JumpThreshold(
         min_forward=Duration(seconds=REPORT_PERIOD),

@@ -15,7 +15,7 @@ SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock'
 def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:
     """Name duplicates of a node, and inputs with several publishers.
 
-    shared: topics, in addition to the common ones, that may have several publishers.
+    shared: further topics, in addition to the common ones, that may have several publishers.
     """
     own_name = node.get_fully_qualified_name()
     running = list(node.get_node_names_and_namespaces())
@@ -48,7 +48,10 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
         for other in node.get_publishers_info_by_topic(topic):
             kind = type_name(item.msg_type)
             if other.topic_type != kind:
-                yield f'{name_of(other)} publishes {topic} as {other.topic_type}, not as {kind}'
+                yield (
+                    f'{name_of(other)} publishes {topic} with the type {other.topic_type}, not '
+                    f'{kind}'
+                )
                 continue
             reason = why_not(other.qos_profile, item.qos_profile)
             if reason:
@@ -68,8 +71,8 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
 def why_not(published: Any, subscribed: Any) -> str:
     """Return why a publisher and a subscription are incompatible; empty if they match.
 
-    It compares reliability and durability: for other policies the graph cannot distinguish "unset"
-    from a value.
+    Only reliability and durability are compared: for other policies, the graph does not show
+    whether a value was set.
     """
     if (published.reliability, subscribed.reliability) == (
         ReliabilityPolicy.BEST_EFFORT,

@@ -1,12 +1,12 @@
 """One experiment on a live arm: commands pressure and force, and records the readings.
 
-    python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
+python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
 
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
 are published on `pressure_command` and `force_command`, as for the virtual arm; `pressure`,
-`end_wrench` and `targets` are recorded. Without a subscriber to `force_command` it asks the user
-to hang a load on the arm, and waits for Enter. At the end or when interrupted, it vents the arm
-and removes the load.
+`end_wrench` and `targets` are recorded. If no node subscribes to `force_command`, the user is
+asked to hang a load on the arm and to press Enter. At the end, or when interrupted, the experiment
+vents the arm and removes the load.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class ExperimentNode(Node):
         self.writer = writer
 
     def spin(self, seconds: float, step: Callable[[float], None] = lambda _: None) -> None:
-        """Process messages for a while; step: called with the time (s) in every period."""
+        """Process messages for some time; step: called in every period with the time (s)."""
         begun = time.monotonic()
         due = begun
         while (now := time.monotonic()) < begun + seconds:

@@ -5,8 +5,8 @@ subscription loses many images of a reliable one. Latched messages reach only su
 request them.
 
 ReliabilityPolicy.BEST_AVAILABLE does not help: it checks the publishers only once, when the
-subscription is created, and without any it chooses reliable and latched. Later publishers that
-offer less are then never received.
+subscription is created, and if there are none it chooses reliable and latched. Messages of later
+publishers that offer less are then never received.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class FollowingSubscription:
     def __init__(
         self, node: Any, type_name: str, topic: str, callback: Callable[..., None]
     ) -> None:
-        """Subscribe with a QoS that any publisher matches, until the publishers are known."""
+        """Subscribe with a QoS that matches any publisher, until the publishers are known."""
         self._node, self._type_name, self._topic = node, type_name, topic
         self._callback = callback
         self._subscription = self._subscribed(ANYTHING)
@@ -72,7 +72,7 @@ class FollowingSubscription:
 
 
 def common_offer(publishers: Sequence[Any]) -> Offer | None:
-    """Return the weakest QoS offered by the publishers of a topic, or None."""
+    """Return the weakest QoS that the publishers of a topic offer; None without publishers."""
     if not publishers:
         return None
     qualities = [publisher.qos_profile for publisher in publishers]

@@ -1,7 +1,7 @@
 """Common parts of launch files: arguments, and the nodes of this package.
 
-Everything that a node would reject is rejected before the first process starts: `launch` ends at
-an error, but leaves the started processes running.
+Everything that a node would reject is rejected before the first process starts, because `launch`
+ends at an error but leaves the processes running that it has started.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def describe_launch(
     """Return the description of a launch.
 
     arguments: default and meaning by name, including namespace and params_file; nodes: returns the
-    nodes to start for given values. Raises RequestError before any process is started if something
-    cannot be started, or if params_file, in an absolute namespace, names none of these nodes,
-    which would silently ignore it.
+    nodes to start for given values. Raises RequestError, before any process is started, if
+    something cannot be started, or if params_file names none of these nodes, in an absolute
+    namespace, so that they would silently ignore the file.
     """
 
     def start(context: Any) -> list[Any]:
@@ -112,8 +112,8 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
 
     given: namespace, params_file (empty: none), use_sim_time and log_level. parameters come before
     those of params_file; empty ones are omitted. Raises RequestError for values that the node
-    would reject, and if params_file is not a file, because launch_ros would then start a node with
-    other parameters than requested.
+    would reject. Also raises it if params_file is not a file, because launch_ros would then start
+    a node with other parameters than requested.
     """
     used = {name: value for name, value in parameters.items() if value}
     check_names(given)

@@ -13,19 +13,19 @@ STARTING = 5.0  # s, in which nodes that start together come up
 
 
 class Log:
-    """Writes to a logger of rclpy, one of a kind at most every `REPEAT_PERIOD` seconds."""
+    """Writes to a logger of rclpy, at most one message of a kind every `REPEAT_PERIOD` seconds."""
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
         self._logged_at: dict[str, float] = {}
 
     def warn(self, kind: str, sentence: str, now: float) -> None:
-        """Log a warning, unless one of its kind was logged recently; now: s of a steady clock."""
+        """Log a warning, unless one of this kind was logged recently; now (s): steady clock."""
         if self._is_new(kind, now):
             self._logger.warning(printable(sentence))
 
     def error(self, kind: str, sentence: str, now: float) -> None:
-        """Log an error, unless one of its kind was logged recently; now: s of a steady clock."""
+        """Log an error, unless one of this kind was logged recently; now (s): steady clock."""
         if self._is_new(kind, now):
             self._logger.error(printable(sentence))
 

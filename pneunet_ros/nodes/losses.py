@@ -27,7 +27,7 @@ class Losses:
 
         info: its message info from rclpy; publishers: returns the number of publishers of a topic.
         Each publisher has its own numbering, and a message does not identify its publisher, so
-        with several publishers nothing is counted.
+        nothing is counted if there are several publishers.
         """
         number = info.get(NUMBER)
         if number is None:

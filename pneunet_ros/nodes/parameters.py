@@ -51,7 +51,7 @@ class ParameterTable:
         object.__setattr__(self, 'fields', fields)
 
     def used_fields(self, owner: type) -> list[dataclasses.Field[Any]]:
-        """Return the fields of a settings dataclass that are parameters of the node."""
+        """Return those fields of a settings dataclass that are parameters of the node."""
         fields = dataclasses.fields(owner)
         return [item for item in fields if item.name not in self.left_out]
 
@@ -97,7 +97,11 @@ class ParameterTable:
             if type(values[item.name]) is not type(item.default):
                 kind, value = _KINDS[type(item.default)], values[item.name]
                 bare = isinstance(item.default, str) and isinstance(value, bool)
-                hint = ' (YAML takes a bare N, y or no for that: put it in quotes)' if bare else ''
+                hint = (
+                    (' (YAML reads N, y or no without quotes as true or false: put it in quotes)')
+                    if bare
+                    else ''
+                )
                 raise RequestError(
                     f'parameter {item.name} must be {kind}, not {value!r}{hint}',
                     reason='wrong_type',
@@ -133,7 +137,7 @@ def overrides(node: Any) -> Mapping[str, Any]:
 
 
 def undeclared_overrides(node: Any) -> list[str]:
-    """Return the given names that are not parameters of a node, after all were declared."""
+    """Return the given names that are not parameters of a node; all must have been declared."""
     return sorted(name for name in overrides(node) if not node.has_parameter(name))
 
 
@@ -146,7 +150,7 @@ EFFECTS_PATH = (
 GRAVITY = (
     'direction of gravity: out_of_plane; x and y of the unit vector that points down, in the '
     'base frame, e.g. "0, -1"; or imu, from base_imu only; empty: from base_imu if it is '
-    'published, otherwise as in the model file'
+    'published, else as in the model file'
 )
 
 

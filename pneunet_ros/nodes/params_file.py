@@ -1,4 +1,4 @@
-"""Nodes in a parameter file: ROS 2 compares its keys with their full names."""
+"""Nodes in a parameter file, whose keys ROS 2 compares with the full names of nodes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
 
 
 def missed_node(path: str | Path, node: str) -> str:
-    """Report that a file names a node (full name) only in other namespaces, or return ''."""
+    """Report that a file names a node (full name) only in other namespaces, else return ''."""
     try:
         names = _names_in_file(path)
     except PneunetError:  # ROS has read the file, and says itself what it does not like

@@ -1,4 +1,4 @@
-"""The service `~/zero_pressure`: the arm is vented, so its sensor should read zero."""
+"""The service `~/zero_pressure`, which sets the zero of the pressure sensor of a vented arm."""
 
 from __future__ import annotations
 

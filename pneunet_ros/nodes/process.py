@@ -1,4 +1,4 @@
-"""The life of a node's process: signals end it cleanly, a wrong request becomes one sentence."""
+"""The life of a node's process: signals end it cleanly, and a wrong request gives one sentence."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ DONE, WRONG_REQUEST = 0, 2
 def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
     """Make nodes, and run them in one thread until a signal arrives.
 
-    make_nodes: each makes one node or several. arguments: the command line including the name of
-    the program; returns the exit code. A user error (PneunetError) prints one sentence on stderr
-    and gives exit code 2.
+    make_nodes: functions that each make one node or several. arguments: the command line including
+    the name of the program; returns the exit code. A user error (PneunetError) prints one sentence
+    on stderr and gives exit code 2.
     """
     nodes: list[Any] = []
     end_at_signal()

@@ -1,8 +1,9 @@
 """An executor that runs message callbacks immediately, in order of arrival.
 
 The executor of rclpy takes one message of each topic per turn, makes a task of each callback, and
-wakes up again after it: this costs more than an estimate and changes the order of arrival. Its
-EventsExecutor is experimental, and in the wheels of rclpy 7.1.5 it never runs a callback.
+wakes up again after each task: this takes longer than an estimate and changes the order of
+arrival. Its EventsExecutor is experimental, and in the wheels of rclpy 7.1.5 it never runs a
+callback.
 """
 
 from __future__ import annotations
@@ -47,9 +48,10 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
     """Callback group of one subscription, whose callback takes a message and its info.
 
     order: common processing order of related subscriptions; topic: name within that order; errors:
-    counts invalid messages, which raise without it; patience_ns: how much earlier than messages of
-    other nodes a message must arrive to be processed first; read: deserializes the messages of a
-    raw subscription; is_full: whether so many messages are waiting that no others are received.
+    counts invalid messages, which raise an error without it; patience_ns: how much earlier than
+    messages of other nodes a message must arrive to be processed before them; read: deserializes
+    the messages of a raw subscription; is_full: whether so many messages are waiting that no
+    others are received.
     """
 
     def __init__(
@@ -66,7 +68,7 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
         self.patience_ns, self.read, self.is_full = patience_ns, read, is_full
 
     def can_execute(self, entity: object) -> bool:
-        """Keep rclpy's executor from taking messages out of order."""
+        """Keep the executor of rclpy from taking messages out of order."""
         return False
 
     def take_from(self, subscription: Any) -> bool:
@@ -121,7 +123,7 @@ class Queue:
 
     @property
     def turn_ns(self) -> int:
-        """Priority of the next message among the messages of other nodes."""
+        """Time of the next message (ns), its priority among the messages of other nodes."""
         first_ns = self.order.first_ns
         return NEVER if first_ns is None else first_ns + self.patience_ns
 
@@ -141,7 +143,7 @@ class RunningCallback(NamedTuple):
     begin_ns: int
 
     def yields_to(self, other: Queue, now_ns: int) -> bool:
-        """Whether messages of another node take precedence in its pauses.
+        """Whether messages of another node may interrupt this callback in its pauses.
 
         These are messages of a node with less patience, or with equal patience if the work takes
         long.
@@ -155,11 +157,11 @@ class PromptExecutor(SingleThreadedExecutor):
 
     Of several nodes, the message that arrived first is processed first, allowing for the patience
     of its node. In the pauses of a callback (`core.pauses`), more urgent messages of other nodes
-    are processed. It is for nodes with subscriptions, timers and services: nothing else wakes it.
-    Other entities of a node, such as actions, are polled every `POLL_NS` if its `is_polled` is
-    set. A process with many nodes has over a hundred services, and waiting for all of them takes
-    longer than an estimate: while messages arrive, services are polled every `SERVICE_NS` each.
-    The `settle` of a node that `is_unsettled` is called when no message is waiting.
+    are processed. Only subscriptions, timers and services wake the executor. Other entities of a
+    node, such as actions, are polled every `POLL_NS` if its `is_polled` is set. A process with
+    many nodes has over a hundred services, and waiting for all of them takes longer than an
+    estimate: while messages arrive, each service is polled every `SERVICE_NS`. When no message is
+    waiting, the `settle` of a node that `is_unsettled` is called.
     """
 
     def __init__(self, context: Context | None = None) -> None:
@@ -182,7 +184,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self.context.on_shutdown(self.wake)
 
     def wake(self) -> None:
-        """Recheck the entities to wait for."""
+        """Check again which entities to wait for."""
         self._changed = True
         self._wake.trigger()
         super().wake()
@@ -253,8 +255,8 @@ class PromptExecutor(SingleThreadedExecutor):
         """Run callbacks of received messages for a while; return whether there were any.
 
         begin_ns: start of the search for messages. Searching takes long on a busy machine, and
-        must not take most of the time. all_arrived: process all arrived messages, because a
-        request comes next: it is served after the messages that were sent before it.
+        must not take most of the time. all_arrived: whether to process all arrived messages,
+        because a request comes next, which is served after the messages that were sent before it.
         """
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
@@ -269,7 +271,7 @@ class PromptExecutor(SingleThreadedExecutor):
         return any_called
 
     def call_in_turn(self, queues: Iterable[Queue], end_ns: int) -> tuple[bool, bool]:
-        """Run callbacks of queues until a time; return whether any ran, and whether more wait."""
+        """Run callbacks of queues until a time; return whether any ran and whether more wait."""
         turns = [
             (queue.turn_ns, index, queue)
             for index, queue in enumerate(queues)
@@ -303,7 +305,7 @@ class PromptExecutor(SingleThreadedExecutor):
         return more
 
     def call_arrived(self, queues: Collection[Queue], end_ns: int = NEVER) -> None:
-        """Process the messages that have arrived in queues, and more urgent ones, until a time."""
+        """Process messages that have arrived, and more urgent messages, until a time."""
         now_ns, more = time.time_ns(), True
         while more and not self._changed and time.time_ns() < end_ns:
             more = self.call_some(queues)
@@ -311,7 +313,7 @@ class PromptExecutor(SingleThreadedExecutor):
             more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
 
     def work(self, running: RunningCallback, call: Callable[[], Result]) -> Result:
-        """Run a callback while the messages of its queues wait."""
+        """Run a callback while further messages of its queues wait."""
         self._running.append(running)
         try:
             return call()
@@ -340,7 +342,7 @@ class PromptExecutor(SingleThreadedExecutor):
     def call_timer(self, timer: Any, node: Any) -> None:
         """Run a timer callback, unless an earlier callback has destroyed the timer.
 
-        All other nodes are more urgent, because timers serve only observers.
+        All messages are more urgent than timers, which serve only observers.
         """
         try:
             with timer.handle:
@@ -350,7 +352,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self.work(self.background_work(node), timer.callback)
 
     def background_work(self, node: Any) -> RunningCallback:
-        """Return work of a node that yields to the messages of all other nodes."""
+        """Return work of a node during which the messages of all other nodes have priority."""
         own_queues = [queue for queue in self._queues if queue.node is node]
         return RunningCallback(own_queues, NEVER, time.time_ns())
 

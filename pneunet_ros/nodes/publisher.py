@@ -1,4 +1,4 @@
-"""Publishes estimates, topics for controllers first, and only those with subscribers."""
+"""Publishes estimates: topics for controllers first, and only topics with subscribers."""
 
 from __future__ import annotations
 

@@ -37,9 +37,9 @@ def message_class(type_name: str) -> Callable[..., Any]:
         module = import_module(f'{package}.msg')
     except ModuleNotFoundError:
         raise RequestError(
-            f'{type_name} is needed, and this ROS does not have the package {package}. Install '
-            f'it (apt install ros-jazzy-{package.replace("_", "-")}; on PyPI not every message '
-            'package has a wheel), or omit whatever needs it',
+            f'{type_name} is needed, but this ROS installation does not have the package '
+            f'{package}. Install it (apt install ros-jazzy-{package.replace("_", "-")}; not '
+            'every message package has a wheel on PyPI), or omit whatever needs it',
             reason='not_installed',
         ) from None
     found: Callable[..., Any] = getattr(module, name)

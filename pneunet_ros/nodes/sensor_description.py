@@ -33,8 +33,8 @@ def sensor_description(settings: EstimatorSettings) -> dict[str, Any]:
 class OtherDescriptions:
     """Sensor settings of the other nodes of an arm, by node name.
 
-    set_ns: when each setting of this node was changed at run time; an adopted setting keeps its
-    time.
+    set_ns: when each setting of this node was changed at run time; an adopted setting keeps the
+    time of its change.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class OtherDescriptions:
     def note_set(
         self, before: Mapping[str, Any], after: Mapping[str, Any], times: Mapping[str, int]
     ) -> None:
-        """Record which settings of this node are new; times: of adopted settings."""
+        """Record which settings of this node are new; times: those of adopted settings."""
         now_ns = time.time_ns()
         new = (name for name, value in after.items() if before.get(name) != value)
         self.set_ns |= {name: times.get(name, now_ns) for name in new}

@@ -1,7 +1,7 @@
 """Start nodes: install signal handlers before the slow imports.
 
 Only the signal module is imported before signals are handled, so that a signal in the first second
-ends the process like a later one.
+also ends the process cleanly.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The topics of a node: their quality of service, and how it can be overridden.
 
 No publisher or subscription here has event callbacks: rclpy checks each of them in every turn of
-the executor, which doubles the latency. They would only log a QoS mismatch, which the other side
-logs as well.
+the executor, which doubles the latency. Such callbacks would only log a QoS mismatch, which the
+other side logs as well.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ DEPTH_OF: Mapping[Input[Any], int] = dict.fromkeys(
 
 
 def input_qos(depth: int = DEPTH) -> QoSProfile:
-    """Return a new QoS for sensor data (overriding changes it in place)."""
+    """Return a new QoS for sensor data, which overrides may change in place."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -82,7 +82,7 @@ def subscription(
     """Create a subscription with QoS of which parameters can override `policies`.
 
     A callback with two parameters (message, info) is called immediately. group: processing order
-    shared with other subscriptions; None: of this topic alone.
+    shared with other subscriptions; None: an order of this topic alone.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
         group = group_of(node, ArrivalOrder([topic]), topic)

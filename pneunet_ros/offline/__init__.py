@@ -1,1 +1,1 @@
-"""What the nodes do, but on files: replay, track, check."""
+"""The work of the nodes on files: replay, track, check."""

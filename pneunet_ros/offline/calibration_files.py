@@ -65,7 +65,7 @@ def check_recordings(paths: Iterable[Path]) -> None:
 
 
 def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
-    """Return the file, hash and role of every recording."""
+    """Return path, hash and role of every recording."""
     return [
         {'file': printable(path.name), 'sha256': file_hash(path), 'role': role}
         for role, paths in roles
@@ -108,7 +108,7 @@ def described_arm(
 
 
 def knowledge_file(model: Path) -> Path:
-    """Return the path of the posterior of a model: arm.knowledge.npz for arm.yaml."""
+    """Return the path of the posterior of a model, e.g. arm.knowledge.npz for arm.yaml."""
     return model.with_name(f'{model.stem}{KNOWLEDGE_SUFFIX}')
 
 

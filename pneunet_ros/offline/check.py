@@ -1,4 +1,4 @@
-"""Contents of a recording: topics, times, synchronization, ranges, uses."""
+"""Contents of a recording: topics, timing, synchronization, ranges, uses."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
 
 
 def proposed(arm: Arm) -> str:
-    """Return the recording to make next if the motion of the arm is unknown."""
+    """Propose the next recording if the motion of the arm is unknown."""
     if arm.inertia is not None:
         return ''
     return (
@@ -136,7 +136,8 @@ def sync(series: Mapping[str, ReadingSeries], name: str) -> dict[str, Any]:
     """Return the timing of a topic relative to the pressure.
 
     share: fraction with a pressure reading within half its period. offset: median time (s) to the
-    nearest one, positive if the pressure is earlier; starts: how much later the topic begins.
+    nearest pressure reading, positive if that is earlier; starts: how much later (s) the topic
+    begins.
     """
     stamps, pressure = series[name].stamp_ns, series[PRESSURE.name]
     found, matched = nearest(stamps, pressure)

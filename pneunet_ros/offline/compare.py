@@ -38,9 +38,9 @@ def compare_files(
 ) -> list[Comparison]:
     """Compare A with B and, if given, both with the truth.
 
-    sides: A and B; topics: full names of the topics to read of each, by last name;
-    target_arclength (targets,) m: positions of the targets on the arm; length (m): of the arm,
-    None: as in the shapes. Raises RequestError if there is nothing to compare with, and
+    sides: A and B; topics: full names of the topics to read from each, by last name;
+    target_arclength (targets,) m: positions of the targets on the arm; length (m) of the arm,
+    None: that of the shapes. Raises RequestError if there is nothing to compare with, and
     RecordingError if a file cannot be read or two files have nothing in common.
     """
     first, second = sides

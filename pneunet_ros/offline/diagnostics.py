@@ -36,7 +36,7 @@ class Clock:
 
     @property
     def ends(self) -> bool:
-        """Whether a last report is due: something came after the one before, if there was one."""
+        """Whether a last report is due: whether a message came after the last report."""
         return self._reported is None or self.now > self._reported
 
     @property

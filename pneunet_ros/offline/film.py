@@ -132,7 +132,7 @@ def _shifted(tracking: Tracking, by_ns: int) -> Tracking:
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     """Return a film with a string at the tip: the load in each row follows the tip.
 
-    Raises RequestError if no frame shows the tip, or the eye of the string lies on the arm.
+    Raises RequestError if no frame shows the tip, or if the eye of the string lies on the arm.
     """
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])

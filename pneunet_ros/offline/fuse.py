@@ -1,4 +1,4 @@
-"""Replay of the fusion: recording -> `Fusion.step` -> recording, with messages as live."""
+"""Replay of the fusion: from a recording through `Fusion.step` to a recording, as live."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def fusion_topics(
 ) -> dict[str, Input[Any]]:
     """Return the topics of a recording to fuse: targets and pressure, and a wrench if requested.
 
-    The pressure is last, because of simultaneous readings it triggers the estimate. overrides:
+    The pressure is last, because it triggers the estimate from simultaneous readings. overrides:
     full topic name by last name. Raises RecordingError if pressure or targets are missing, or if
-    there are two candidates. gravity: source of its direction; None: unknown.
+    there are two candidates. gravity: source of the direction of gravity; None: unknown.
     """
     optional = [*(() if gravity is None else gravity_inputs(gravity)), *[END_WRENCH] * wrench]
     sensors: list[Input[Any]] = [*optional, TARGETS, PRESSURE]
@@ -104,8 +104,8 @@ class FusionTally:
 
     modes: number of estimates by mode; determined: those with F1, and with F2; contacts: those
     with a contact, and those whose contact cannot be distinguished from a tip force; inconsistent:
-    those while the running NIS exceeded its noise limit; warnings: those per warning about the
-    setup.
+    those during which the running NIS exceeded its noise limit; warnings: number per warning about
+    the setup.
     """
 
     messages: int = 0

@@ -48,7 +48,7 @@ LEVELS = 8  # pressures at which the model is compared with targets
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetFit:
-    """Agreement of a model with measured points for one interpretation of the pressure readings.
+    """How well a model fits measured points, for one interpretation of the pressure readings.
 
     reading (frames,): in the unit of the sensor; load (frames, 3) N, N, N m at the free end;
     points (frames, 2, targets) m, NaN where not seen; places (targets,) m along the arm.
@@ -61,7 +61,7 @@ class TargetFit:
     places: Array
 
     def __call__(self, meaning: PressureConvention) -> tuple[float, int]:
-        """Return the mean squared error, over the squared length, and the number of levels."""
+        """Return the mean squared error over the squared length, and the number of levels."""
         arm = self.arm
         low, high = arm.pressure_range
         loads = [
@@ -99,7 +99,7 @@ class Verdicts:
 
     @property
     def doubted(self) -> dict[str, Verdict]:
-        """Verdicts that almost certainly differ from the declaration, by sensor."""
+        """Verdicts by sensor that almost certainly contradict the declaration."""
         found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
         return {name: item for name, item in found.items() if item is not None and item.doubted}
 
@@ -110,7 +110,7 @@ class Verdicts:
 
     @property
     def findings(self) -> str:
-        """Describe the likely interpretation of the doubted readings."""
+        """Describe the likely interpretation of the readings that contradict their declaration."""
         return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
 
     @property
@@ -200,7 +200,7 @@ def judge_wrench_series(
     *,
     targets_usable: bool,
 ) -> WrenchVerdict | None:
-    """Judge the interpretation of the wrench readings; targets_usable: they reveal the force."""
+    """Judge the interpretation of the wrench readings; targets_usable: they show the force."""
     wrench, pressure = series.get(END_WRENCH.name), series.get(PRESSURE.name)
     if wrench is None or not len(wrench.stamp_ns):
         return None
@@ -294,10 +294,10 @@ def judge_table(
 def judge_table_readings(
     table: ReadingTable, expected: Sequence[ExpectedPressure]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Describe the likely unit of a table's pressures, and the remedy: certain, and only likely.
+    """Describe the likely unit of a table's pressures and the remedy: if certain, and if likely.
 
-    Both are empty if they fit. Absolute pressures are not judged here: only the verbs know the
-    atmospheric pressure.
+    Both are empty if the pressures fit. Absolute pressures are not judged here: only the verbs
+    know the atmospheric pressure.
     """
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None:
@@ -346,7 +346,7 @@ def readable_series(
 def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) -> TargetFit | None:
     """Choose frames at pressures from lowest to highest; None if there are no targets.
 
-    reading (readings,): of the pressure, in the unit of the sensor.
+    reading (readings,): those of the pressure, in the unit of the sensor.
     """
     pressure = series[PRESSURE.name]
     seen = measured_points(series, arm)

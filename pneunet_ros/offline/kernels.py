@@ -1,6 +1,6 @@
 """Call every kernel once, with a recording and images from the virtual lab.
 
-They are made here, because an installation may not have any recordings.
+The data are simulated, because an installation may not have any recordings.
 """
 
 from __future__ import annotations

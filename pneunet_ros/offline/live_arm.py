@@ -44,7 +44,7 @@ def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
                 process.wait(VENTED)
                 raise
         if process.returncode:
-            why = errors.strip().splitlines() or ['it ended without a message']
+            why = errors.strip().splitlines() or ['the process ended without a message']
             raise RequestError(f'the experiment failed: {why[-1]}', reason='failed')
 
     return record

@@ -1,4 +1,4 @@
-"""Replay: recording -> `Estimator.step` -> recording, with the same messages and step as live."""
+"""Replay: from a recording through `Estimator.step` to a recording, with the messages as live."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class EstimatorDiagnostics(Diagnostics):
     """Diagnostics of a replay, as the node `estimator` would report them."""
 
     def __init__(self, estimator: Estimator, inputs: Mapping[str, Input[Any]]) -> None:
-        """Begin; inputs: sensors by the names of their topics."""
+        """Initialize; inputs: sensors by the names of their topics."""
         pressure = topic_of_pressure(inputs)
         super().__init__(estimator.arm, pressure, 'estimator: shape')
         self._estimator, self._inputs = estimator, inputs
@@ -191,7 +191,7 @@ def record_steps(
 ) -> None:
     """Write the unchanged inputs, all outputs, and `markers`; `on_progress` sees every step.
 
-    targets: a topic of targets to compare with the estimates; it is copied, too.
+    targets: a topic of targets to compare with the estimates; it is copied as well.
     """
     inputs = with_targets(topics, targets)
     diagnostics = EstimatorDiagnostics(estimator, inputs)
@@ -286,7 +286,7 @@ class Tally:
                 self.warned[warning] = self.warned.get(warning, 0) + 1
 
     def compare(self, consistency: ConsistencyState) -> None:
-        """Store a frame, and the largest disagreement; one beyond noise takes precedence."""
+        """Store a frame, and the largest disagreement; one beyond noise has precedence."""
         if consistency.compared is not self.consistency.compared:
             for frame in consistency.compared:
                 if frame.evidence is not None:

@@ -27,7 +27,7 @@ PLACES, DEGREE = 201, 12  # stations of the curvature of a model, and degree of 
 
 @dataclass(slots=True, kw_only=True)
 class SimulatedArm:
-    """The simulated arm of a scenario, with its history; the scenario's protocol is unused."""
+    """The simulated arm of a scenario, with its history; the protocol is not used."""
 
     scenario: Scenario
     settings: ExplorationSettings = EXPLORATION

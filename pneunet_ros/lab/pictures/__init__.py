@@ -1,1 +1,1 @@
-"""Camera of the virtual lab: scene, light, lens, dots, pixels."""
+"""Camera of the virtual lab: scene, light, lens, dots and pixels."""

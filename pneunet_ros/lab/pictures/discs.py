@@ -1,4 +1,4 @@
-"""Coverage of image pixels by a disc of the working plane, and its true image position.
+"""Coverage of image pixels by a disc in the working plane, and the disc's true position.
 
 The map from the disc to the image is expanded to second order around its center, which is accurate
 to about 1e-4 px for discs of a few px. The covered share of a pixel is computed, not sampled: the
@@ -173,7 +173,8 @@ def edge_of(
     """Return the distance (px) from the edge of a disc, positive inside, and the normal there.
 
     disc: index of the disc; du, dv: px from the image of its center; all three must broadcast. The
-    normal has no signs. The result is first-order accurate, and good near the edge.
+    components of the normal are absolute values. The result is first-order accurate, and good near
+    the edge.
     """
     turn = inverse[disc]
     a = turn[..., 0, 0] * du + turn[..., 0, 1] * dv
@@ -196,7 +197,7 @@ def half_plane(inward: Array, normal_u: Array, normal_v: Array) -> Array:
     """Return the share of a unit square within a half plane.
 
     inward: distance of the center of the square from the edge, positive inside; normal_u, normal_v
-    >= 0: unit normal of the edge, without signs.
+    >= 0: absolute components of the unit normal of the edge.
     """
     inward = np.clip(inward, -1.0, 1.0)
     large = np.maximum(normal_u, normal_v)

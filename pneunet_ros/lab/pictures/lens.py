@@ -1,7 +1,7 @@
 """A camera of the virtual lab: projects points of the base frame to its image.
 
-It implements the definition of the models independently of the tracker's camera, so that each can
-test the other.
+The lens models are implemented independently of the tracker's camera, so that each can test the
+other.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ def looking_down(
 ) -> Camera:
     """Return a camera that looks along -z at the point `middle` (m in base).
 
-    focal_px: focal length in px; scale: m of the working plane per px in the middle of the image.
-    roll (rad) turns the camera about its axis, tilt (rad) about its x and y, while it looks at
-    `middle`. The principal point is slightly off the middle, as in real cameras.
+    focal_px: focal length in px; scale: m of the working plane per px at the image center. roll
+    (rad) rotates the camera about its axis, tilt (rad) about its x and y, while it looks at
+    `middle`. The principal point is slightly off the image center, as in real cameras.
     """
     rotation = FACING_DOWN @ turn(0, tilt[0]) @ turn(1, tilt[1]) @ turn(2, roll)
     center = (0.5 * (width - 1) + 3.2, 0.5 * (height - 1) - 2.7)

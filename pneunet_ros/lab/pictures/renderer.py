@@ -1,4 +1,4 @@
-"""Render images of an arm with white targets, with the truth about every target.
+"""Render images of an arm with white targets, with the ground truth of every target.
 
 A pixel integrates the light on its whole square; (0, 0) is the center of the first pixel. Blur by
 the optics, uneven light, glare, clipping, sensor noise and rounding follow.
@@ -43,13 +43,13 @@ BEYOND = 99.0  # px outside the image up to which objects are drawn
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth:
-    """Truth of every drawn target, (n,) each, in the order of the dots.
+    """Ground truth of every drawn target, (n,) each, in the order of the dots.
 
     x, y m in base and u, v px in the image: the center of the disc, in the middle of the exposure;
     centroid_u, centroid_v px: the centroid of the image of the whole disc, which differs from the
-    image of its center due to lens and perspective; area px^2 of this image; visible: share of it
-    inside the image, hidden neither by an occluder nor by glare. NaN, with `visible` 0, where a
-    dot has no radius or is behind the camera.
+    image of its center due to lens and perspective; area px^2 of this image; visible: its share
+    inside the image that is hidden neither by an occluder nor by glare. NaN, with `visible` 0,
+    where a dot has no radius or is behind the camera.
     """
 
     x: Array
@@ -73,7 +73,7 @@ class Cover:
 def draw_dots(
     picture: Grey, camera: Camera, dots: Dots, blur: float = 0.0, hiding: Cover | None = None
 ) -> Truth:
-    """Draw blurred targets (sigma, px) into an image, and return the truth about them."""
+    """Draw blurred targets (sigma, px) into an image; return the ground truth of them."""
     discs = see_discs(camera, dots.x, dots.y, dots.radius)
     visible = np.zeros(dots.x.size)
     exists = (discs.area > 0.0) & np.isfinite(discs.u + discs.v + discs.reach)
@@ -97,7 +97,7 @@ def draw_dots(
 
 
 def _only(discs: Discs, which: Any) -> Discs:
-    """Return some of the discs."""
+    """Return a subset of the discs."""
     return Discs(**{name: getattr(discs, name)[which] for name in Discs.__slots__})
 
 

@@ -127,7 +127,7 @@ class Glint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """Illumination: 1 in the middle of the image.
+    """Illumination, 1 at the image center.
 
     gradient_u, gradient_v: change over the whole width or height; vignette: loss in the corners.
     """
@@ -143,7 +143,7 @@ class Scene:
     """Static scene and camera.
 
     decoys: dots that look like targets. blur: sigma of the optics in px; noise: sigma in grey
-    levels; texture: sigma of the unevenness of the background, with its own `seed`.
+    levels; texture: sigma of the background texture, with its own `seed`.
     """
 
     camera: Camera

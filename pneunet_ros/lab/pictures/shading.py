@@ -71,7 +71,7 @@ def draw_body(canvas: Canvas, body: Body, camera: Camera) -> None:
     tangent = np.array([np.cos(body.theta[0]), np.sin(body.theta[0])])
 
     def outlines(s: Array, top: float, bottom: float) -> list[Array]:
-        """Return corners (px) of bands between two heights over the curve: s (bands, places)."""
+        """Return corners (px) of bands between two heights over the curve, s (bands, places)."""
         theta = np.interp(s, length, body.theta)
         before = np.minimum(s, 0.0)
         x = np.interp(s, length, body.x) + before * tangent[0]

@@ -42,9 +42,9 @@ class FrameInputs:
 
     chamber, chamber_std: pressure in the chamber and its white noise (Pa); history: of the
     effects; moment, moment_std (N m): at the tip; by_column (columns,): change of the pressure by
-    one sigma of each column of the law, through sensing effects; lag_offsets (memory,)
-    Pa: distance of the lagging pressures, and of the one behind a play, from the chamber; gravity:
-    along x and y, in g; None: as in the model.
+    one sigma of each column of the law, through sensing effects; lag_offsets (memory,) Pa:
+    deviation of the lagging pressures, and of the one behind a play, from the chamber pressure;
+    gravity: along x and y, in g; None: as in the model.
     """
 
     chamber: float
@@ -73,9 +73,9 @@ class WrenchSeen:
 class Passage:
     """The interval between two stamps.
 
-    seconds: duration; pressure_change (Pa); size: of the model error, relative to
-    the effect of the pressure range; walk (N/sqrt(s)): of the tip force; steady: factor by which
-    its variance grows faster than that of a random walk.
+    seconds: duration; pressure_change (Pa); size of the model error, relative to the effect of the
+    pressure range; walk (N/sqrt(s)): random walk of the tip force; steady: factor by which the
+    variance of the force grows faster than that of a random walk.
     """
 
     seconds: float
@@ -89,7 +89,7 @@ class Passage:
 class Move:
     """Process model of a block: factors and one sigma of process noise, (moving,) each.
 
-    held: the mean stays.
+    held: whether the mean stays unchanged.
     """
 
     decay: Array
@@ -112,18 +112,18 @@ class Prior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block(abc.ABC):
-    """A cause of error: some unknowns with a prior; `pneunet_ros.measurement.blocks.block`."""
+    """A cause of error: some unknowns with a prior; see `pneunet_ros.measurement.blocks.block`."""
 
     white: ClassVar[bool] = False  # new in every reading, with the noise that it is read with
 
     @property
     @abc.abstractmethod
     def std(self) -> Array:
-        """One sigma (k,) of each unknown before any frame, SI; its length is their number."""
+        """One sigma (k,) of each unknown before any frame, SI; k is their number."""
 
     @property
     def times(self) -> Array:
-        """Correlation time (s) of each unknown, an Ornstein-Uhlenbeck process."""
+        """Correlation time (s) of each unknown, which is an Ornstein-Uhlenbeck process."""
         return np.full(self.std.size, math.inf)
 
     @property
@@ -139,7 +139,7 @@ class Block(abc.ABC):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """Changes of the model file per column besides the covariance columns, by dotted path."""
+        """Changes of the model file per column, besides those of the covariance, by path."""
         return ()
 
     @property
@@ -152,15 +152,15 @@ class Block(abc.ABC):
         return []
 
     def move(self, passage: Passage, by_times: Move) -> Move:
-        """Return the process model; by_times: Ornstein-Uhlenbeck processes with `times`."""
+        """Return the process model; by_times: that of Ornstein-Uhlenbeck processes (`times`)."""
         return by_times
 
     def on_rod(self, causes: Array, columns: slice) -> None:
         """Write the constant derivatives of every cause of the rod by each unknown.
 
-        By default the first unknowns are the columns of the law of this block. causes (causes,
-        k): zeros, a row for F1, F2, M, pressure and each column of the law; columns: the rows of
-        this block's own.
+        By default the first unknowns are the columns of the law of this block. causes (causes, k):
+        zeros, a row for F1, F2, M, pressure and each column of the law; columns: the rows of this
+        block.
         """
         causes[columns] = np.eye(self.law_columns, causes.shape[1])
 
@@ -190,7 +190,7 @@ class Block(abc.ABC):
 class SizedBlock(Block):
     """A block of errors that scale with the model error, with time and with the pressure.
 
-    range (Pa): of the pressure; a change by the whole range moves an error by its full size.
+    range (Pa) of the pressure; a change by the whole range changes an error by its full size.
     """
 
     range: float

@@ -29,20 +29,24 @@ class Camera(Block):
     length: float
     origin: tuple[float, float] = (0.0, 0.0)
     drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
-    turn_std: float = tuning(3e-5, 'std of the turn of a camera that nobody moved', unit='rad')
-    moved_by: float = tuning(
-        0.045, 'std of the place of a camera that was moved', unit='of the length'
+    turn_std: float = tuning(
+        3e-5, 'std of the rotation of a camera that was not moved', unit='rad'
     )
-    turned_by: float = tuning(0.05, 'std of its turn around the base', unit='rad')
+    moved_by: float = tuning(
+        0.045, 'std of the position of a camera that was moved', unit='of the length'
+    )
+    turned_by: float = tuning(
+        0.05, 'std of the rotation around the base of a camera that was moved', unit='rad'
+    )
 
     @property
     def std(self) -> Array:
-        """Prior of an undisturbed camera."""
+        """Prior of a camera that was not moved."""
         return np.array([*[self.drift_std] * 2, *[self.place_std] * 2, self.turn_std])
 
     @property
     def prior(self) -> Prior:
-        """The base frame of the calibration."""
+        """The base frame found by the calibration."""
         mean = np.zeros(self.std.size)
         mean[self.PLACE] = self.origin
         return Prior(mean=mean, std=self.std)

@@ -16,7 +16,7 @@ from pneunet_ros.model.part_load import PartLoad
 class Push(Block):
     """Contact force (N) along the normal and its arclength (m); without a contact both are zero.
 
-    scale (N): of forces; length (m): of the arm.
+    scale (N) of forces; length (m) of the arm.
     """
 
     scale: float
@@ -28,7 +28,7 @@ class Push(Block):
         (0.05, 0.98), 'positions along the arm at which a contact is tried', unit='of the length'
     )
     largest_walk: float = tuning(
-        0.3, 'random walk of a contact force, at most', unit='of the force scale/sqrt(s)'
+        0.3, 'largest random walk of a contact force', unit='of the force scale/sqrt(s)'
     )
     place_walk: float = tuning(
         0.018, 'random walk of the place of a contact', unit='of the length/sqrt(s)'

@@ -12,9 +12,9 @@ from pneunet_ros.measurement.blocks.block import Block, WrenchSeen
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSensor(Block):
-    """Offset (N) in F1 and F2, and gain beyond 1; scale (N): of forces.
+    """Offset (N) of F1 and F2, and gain minus 1; scale (N) of forces.
 
-    is_there: whether the sensor is used; not if the tip is declared free.
+    is_there: whether the sensor is used; it is not if the tip is declared free.
     """
 
     scale: float
@@ -22,11 +22,11 @@ class ForceSensor(Block):
     offset_std: float = tuning(
         0.0003, 'std of the offset of a healthy force sensor', unit='of the force scale'
     )
-    gain_std: float = tuning(0.0003, 'std of the error of its gain')
+    gain_std: float = tuning(0.0003, 'std of the gain error of a healthy force sensor')
 
     tolerance: float = tuning(
         0.015,
-        'harmless error of offset and gain; a sensor known this well is confirmed',
+        'harmless error of offset and gain; a sensor known to this accuracy is confirmed',
         unit='of the force scale',
     )
 

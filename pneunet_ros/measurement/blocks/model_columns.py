@@ -16,15 +16,16 @@ from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 class ModelColumns(Block):
     """Columns of the model's covariance, in sigma; must be the first block with columns.
 
-    known: their number; guessed: the number of those at the end that the calibration only guessed.
+    known: the number of columns; guessed: how many of them, at the end, the calibration only
+    guessed.
     """
 
     known: int
     guessed: int
     guess_time: float = tuning(
         0.5,
-        'correlation time of errors that a calibration has only guessed: they go with pressure '
-        'and load, and so last as long as a force that rests',
+        'correlation time of errors that a calibration has only guessed: they depend on '
+        'pressure and load, and so last as long as a constant force',
         unit='s',
     )
 
@@ -45,9 +46,9 @@ class ModelColumns(Block):
         return self.known
 
     def on_rod_as_read(self, causes: Array, columns: slice, inputs: FrameInputs) -> None:
-        """Change the true pressure, by effects of sensing."""
+        """Change the true pressure, through sensing effects."""
         causes[PRESSURE] = inputs.by_column[: self.known]
 
     def on_wrench(self, seen: WrenchSeen) -> Array:
-        """Change the true force, by effects of sensing."""
+        """Change the true force, through sensing effects."""
         return -seen.by_column[: self.known].T

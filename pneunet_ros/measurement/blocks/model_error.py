@@ -1,13 +1,13 @@
 """Model error: errors of the law that calibration has not found.
 
 Soft arms have memory. The error of a model without creep or hysteresis depends on the history of
-the pressure: a part of the intrinsic curvature follows the chamber late, and a part follows the
-pressure behind a play. The sizes of these parts are constant, so frames determine them even
-without a force sensor, and the force is corrected accordingly.
+the pressure: a part of the intrinsic curvature follows the chamber with a delay, and a part
+follows the pressure behind a play (dead band). The sizes of these parts are constant, so frames
+determine them even without a force sensor, and the force is corrected accordingly.
 
 All other model error consists of slow errors of the pressure (`pressure_error`), of the intrinsic
 curvature and of the stiffness, which change with time and with the pressure. Their size, relative
-to the effect of the whole pressure range, is unknown too and is estimated
+to the effect of the whole pressure range, is also unknown and is estimated
 (`inference/variance_component`). Intervals thus become wide if an effect is missing, and stay
 narrow if none is.
 """
@@ -45,11 +45,15 @@ class ModelDiscrepancy(SizedBlock):
     size_fall: float = tuning(
         1.5, 'exponent of the prior over sizes: larger errors are less likely'
     )
-    size_time: float = tuning(60.0, 'forgetting time of frames for its size', unit='s')
+    size_time: float = tuning(
+        60.0, 'forgetting time of frames in the estimate of its size', unit='s'
+    )
     lag_times: tuple[float, ...] = tuning(
         (4.0, 40.0), 'time constants of the delayed part of the curvature', unit='s'
     )
-    play: float = tuning(0.06, 'width of a play that the model misses', unit='of the range')
+    play: float = tuning(
+        0.06, 'width of a play (dead band) that is missing in the model', unit='of the range'
+    )
     late_share: float = tuning(
         0.1, 'std of the delayed part of the curvature, for each time constant'
     )
@@ -61,7 +65,7 @@ class ModelDiscrepancy(SizedBlock):
     grid: SizeGrid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the grid of sizes."""
+        """Set up the grid of sizes."""
         grid = SizeGrid(sizes=self.sizes, fall=self.size_fall, time=self.size_time)
         object.__setattr__(self, 'grid', grid)
 
@@ -72,7 +76,7 @@ class ModelDiscrepancy(SizedBlock):
 
     @property
     def sized(self) -> tuple[int, ...]:
-        """The two errors of the law; the delayed one has its own size."""
+        """The two errors of the law; the delayed error has its own size."""
         return 0, 1
 
     @property
@@ -83,7 +87,7 @@ class ModelDiscrepancy(SizedBlock):
 
     @property
     def times(self) -> Array:
-        """Errors of the law change; parts with memory are slow."""
+        """Correlation times: errors of the law change, parts with memory are slow."""
         memory = [self.memory_time] * (len(self.lag_times) + 1)
         return np.array([self.correlation_time, self.correlation_time, *memory])
 
@@ -105,10 +109,10 @@ class ModelDiscrepancy(SizedBlock):
     def remember(
         self, memory: tuple[float, ...], chamber: float, seconds: float
     ) -> tuple[float, ...]:
-        """Return the pressures (Pa) lagging behind the chamber, and the one behind the play.
+        """Return the pressures (Pa) lagging behind the chamber, and the pressure behind the play.
 
-        memory: those at the last reading, `seconds` ago, empty before the first; chamber (Pa):
-        now. This is exact if the chamber pressure jumps at each reading and is constant in
+        memory: these pressures at the last reading, `seconds` ago, empty before the first; chamber
+        (Pa): now. This is exact if the chamber pressure jumps at each reading and is constant in
         between.
         """
         if not memory:
@@ -129,7 +133,7 @@ def pressure_span(arm: Arm) -> tuple[float, float]:
 
 
 def curvature_off(arm: Arm) -> dict[str, float]:
-    """Return curvature errors with the size of the effect of the pressure range, by dotted path.
+    """Return curvature errors as large as the effect of the pressure range, by dotted path.
 
     The moment law is unchanged.
     """

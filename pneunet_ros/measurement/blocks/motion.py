@@ -14,8 +14,8 @@ from pneunet_ros.measurement.blocks.block import Block
 class Motion(Block):
     """Coordinates and momenta of the shapes, and relative errors of mass and damping.
 
-    place_std, momentum_std (shapes,): before any frame, in units of `measurement.swinging_arm`;
-    relative (2,): of mass and damping.
+    place_std, momentum_std (shapes,): one sigma before any frame, in units of
+    `measurement.swinging_arm`; relative (2,): one sigma of mass and damping.
     """
 
     place_std: Array

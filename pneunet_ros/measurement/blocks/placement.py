@@ -31,7 +31,7 @@ class Placement(Block):
 
     @property
     def prior(self) -> Prior:
-        """Use the placement of the calibration, correlated with the model.
+        """Use the placement of the calibration, which is correlated with the model.
 
         The same images must not count twice.
         """

@@ -13,7 +13,7 @@ from pneunet_ros.measurement.disturbances import row_shifts
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetRow(Block):
-    """Relative error of the spacing, and distance from the neutral line over the row's length.
+    """Relative error of the spacing, and offset from the neutral line over the row's length.
 
     arclength (dots,) m; spacing_std, offset_std: prior of an uncalibrated row. The calibrated row
     is part of `Placement`; this block is used for other dots.
@@ -30,7 +30,7 @@ class TargetRow(Block):
 
     @property
     def prior(self) -> Prior:
-        """Zero: the row is where the model file has it."""
+        """Zero: the row is where the model file states."""
         zero = np.zeros(2)
         return Prior(mean=zero, std=zero, shared=(ModelColumns, np.zeros((2, 0))))
 

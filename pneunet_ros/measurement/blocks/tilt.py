@@ -19,13 +19,13 @@ class Tilt(Block):
         0.012,
         'std of the direction of gravity in the model file',
         unit='rad',
-        source='convention: 0.7 degree, as of a table put up with a level',
+        source='convention: 0.7 degree, a table set up with a level',
     )
     any_tilt: float = tuning(
         0.17,
         'std of a tilted base',
         unit='rad',
-        source='convention: 10 degrees, as a table leans that is not level',
+        source='convention: 10 degrees, a table that is not level',
     )
 
     @property
@@ -40,5 +40,5 @@ class Tilt(Block):
 
     @property
     def law_errors(self) -> tuple[Mapping[str, float], ...]:
-        """The whole weight along x, then along y."""
+        """The whole weight along x, then the whole weight along y."""
         return {'gravity.x': 1.0}, {'gravity.y': 1.0}

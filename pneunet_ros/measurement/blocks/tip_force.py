@@ -16,8 +16,8 @@ from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, Si
 class Walk:
     """Random walk of the tip force (N/sqrt(s)): the recent rate, and the typical one.
 
-    interval (s): time over which changes are as steady as from frame to frame. weights (walks,):
-    log weights of the candidate walks of a swinging arm, None before any frame;
+    interval (s): time over which a force keeps changing as it does from frame to frame. weights
+    (walks,): log weights of the candidate walks of a swinging arm, None before any frame;
     most_likely: the walk that made the last frame of a swinging arm most likely.
     """
 
@@ -41,7 +41,7 @@ class Walk:
 class ForceChange:
     """Changes of a force between frames, and the part explained by their variances.
 
-    of_tip: whether it is a component of the tip force, which the typical walk refers to.
+    of_tip: whether the force is a component of the tip force, to which the typical walk refers.
     """
 
     squared: float
@@ -53,7 +53,7 @@ class ForceChange:
 class TipForce(Block):
     """F1 and F2 (N) at the free end; scale (N): the largest likely force.
 
-    swings: the arm swings, so a frame alone does not determine the force.
+    swings: whether the arm swings, so that a frame alone does not determine the force.
     """
 
     scale: float
@@ -62,25 +62,27 @@ class TipForce(Block):
         0.15, 'random walk of the tip force before any frame', unit='of the force scale/sqrt(s)'
     )
     least_walk: float = tuning(
-        0.0015, 'random walk of a constant force', unit='of the force scale/sqrt(s)'
+        0.0015, 'random walk of a force at rest', unit='of the force scale/sqrt(s)'
     )
     largest_walk: float = tuning(
         0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)'
     )
     steady_after: float = tuning(
         0.1,
-        'time after which a force goes on as steadily as it moved, where frames are no rarer',
+        'time over which a force keeps changing as it did, if frames are at least this frequent',
         unit='s',
         source='tried on one rig: 0.05 s leaves the force almost unobservable, 9 s makes it '
         'overconfident',
     )
-    walk_time: float = tuning(0.5, 'time after which a constant force is trusted again', unit='s')
+    walk_time: float = tuning(0.5, 'time after which a force counts as constant again', unit='s')
     usual_time: float = tuning(30.0, 'averaging time of the walk of the force', unit='s')
-    guess_counts: float = tuning(5.0, 'weight of the initial walk, as a time of frames', unit='s')
+    guess_counts: float = tuning(
+        5.0, 'weight of the initial walk, as a duration of frames', unit='s'
+    )
 
     @property
     def std(self) -> Array:
-        """The force scale, in both directions."""
+        """The force scale, along both axes."""
         return np.full(2, self.scale)
 
     @property
@@ -90,12 +92,12 @@ class TipForce(Block):
 
     @property
     def free_walk(self) -> float:
-        """Random walk (N/sqrt(s)) above which earlier frames say nothing about the force."""
+        """Random walk (N/sqrt(s)) above which earlier frames carry no information on the force."""
         return self.largest_walk * self.scale
 
     @property
     def first(self) -> Walk:
-        """The walk before any frame."""
+        """The random walk before any frame."""
         walk = self.first_walk * self.scale
         return Walk(recent=walk, usual=walk)
 
@@ -117,8 +119,8 @@ class TipForce(Block):
     def walks(self) -> SizeGrid:
         """Candidate random walks (N/sqrt(s)) of the load on a swinging arm.
 
-        Even the slowest is fast enough to keep a steadily growing load from being taken for a
-        constant error.
+        Even the slowest is fast enough that a steadily growing load is not taken for a constant
+        error.
         """
         walks = tuple(self.first_walk * 10.0 ** (0.5 * half) * self.scale for half in range(-1, 5))
         return SizeGrid(sizes=walks, fall=0.0, time=self.walk_time)
@@ -129,7 +131,7 @@ class TipForce(Block):
         """Return the walk after a frame of a swinging arm.
 
         score, precision: for a walk of 1 N/sqrt(s), as in `SizeGrid.after`; size: the assumed
-        walk; frames: number used before.
+        walk; frames: number of frames used before.
         """
         grid = self.walks
         growth = ErrorGrowth(size=size, grown=np.ones(2), seconds=seconds)
@@ -145,8 +147,8 @@ class TipForce(Block):
     ) -> Walk:
         """Return the random walk after a frame, from force changes beyond their variances.
 
-        frames: number used before. The walk rises immediately and falls within `walk_time`, but
-        not below the mean walk of the tip force.
+        frames: number of frames used before. The walk rises immediately and falls within
+        `walk_time`, but not below the mean walk of the tip force.
         """
         found = [(one.squared - one.explained) / seconds for one in changes]
         weights = [one.explained**-2.0 if one.of_tip else 0.0 for one in changes]

@@ -111,7 +111,7 @@ class Unknowns:
             object.__setattr__(self, name, value)
 
     def _that(self, method: str) -> tuple[Placed, ...]:
-        """Return the blocks that override a method."""
+        """Return the blocks that override this method."""
         neutral = getattr(Block, method)
         return tuple(one for one in self.placed if getattr(type(one.block), method) is not neutral)
 

@@ -10,7 +10,7 @@ from pneunet_ros.model.domain_position import DomainPosition
 def with_extrapolation_error(noise: Array, position: DomainPosition) -> Array:
     """Return the noise input matrix (sources, causes) with the model error outside the domain.
 
-    position: of the load in the domain; the errors in F1, F2, M and chamber pressure are one
+    position: that of the load in the domain. The errors of F1, F2, M and chamber pressure are one
     source each, after those of `noise_jacobian`. Inside the domain, the given matrix is returned.
     """
     if not any(position.error):

@@ -43,7 +43,7 @@ class GaussianModel:
     ) -> GaussianModel:
         """Set up and solve the problem; grams: column^T column per run, where known.
 
-        log_volumes: omitted if all compared models are whitened in the same way.
+        log_volumes: may be omitted if all compared models are whitened in the same way.
         """
         vectors = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
         grams = tuple(grams) or tuple(item.T @ item for item in columns)

@@ -1,8 +1,8 @@
-"""Displacement by one sigma of each reading: common errors of y = h(x) + e, as columns.
+"""Displacement by one sigma of each reading: the common errors of y = h(x) + e, as columns.
 
 Points are x, then y of all targets of a frame, as measured by a camera. A load of exactly zero is
-not a reading and has no error: nothing is attached in that frame, or no moment is measured in that
-recording. `attached_std` implements this rule.
+not a reading and has no error: in that frame nothing is attached, or in that recording no moment
+is measured. `attached_std` implements this rule.
 """
 
 from __future__ import annotations
@@ -94,10 +94,11 @@ def reading_errors(
 
     model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as from
     `ForwardModel.point_jacobian`, with an additional row for a heading, which the camera does not
-    move. The last two errors are the camera between the nodes of its path. A known load has the
-    same error in every frame, and is one of the `Disturbances` instead. Frames are treated as if
-    each had its own readings; if they share some, the errors are larger by the square root of
-    their number, so that together they carry the information of those readings.
+    move. The last two errors are those of the camera between the nodes of its path. A known load
+    has the same error in every frame, and is one of the `Disturbances` instead. Frames are treated
+    as if each had its own readings. If several frames share readings, their errors are larger by
+    the square root of the number of these frames, which together then carry the information of the
+    shared readings.
     """
     moves = pressure_moves(model, arm, run, inputs, jacobian)
     pressure = pressure_std(noise, arm, run) * np.sqrt(frames_of_pressure(arm, run))
@@ -113,21 +114,21 @@ def reading_errors(
 
 
 def frames_of_pressure(arm: Arm, run: RecordingData) -> Array:
-    """Return the number of frames that share their pressure readings with each, (frames,)."""
+    """Return how many frames share the pressure readings of each frame, (frames,)."""
     if run.static or not run.pressurized:
         return np.ones(len(run.stamp_ns))
     return frames_sharing(shown_instants(arm, run), run.reading_stamp_ns)
 
 
 def frames_of_wrench(run: RecordingData) -> Array:
-    """Return the number of frames that share their load readings with each, (frames,)."""
+    """Return how many frames share the load readings of each frame, (frames,)."""
     if run.static or run.wrench_stamp_ns is None:
         return np.ones(len(run.stamp_ns))
     return frames_sharing(instants_among(run.stamp_ns, run.wrench_stamp_ns), run.wrench_stamp_ns)
 
 
 def shown_instants(arm: Arm, run: RecordingData) -> Stamps:
-    """Return the times that the frames show, on the clock of the pressure, (frames,) ns."""
+    """Return the times at which frames were taken, on the clock of the pressure, (frames,) ns."""
     return run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
 
 
@@ -156,9 +157,9 @@ def pressure_moves(
 ) -> Array:
     """Return the displacement per pascal of a reading, (frames, coordinates) m.
 
-    It uses the table of kappa_p0, or central differences if effects depend on the pressure too, or
-    change a wrench with it. Otherwise a law in the pressure could replace the table and avoid its
-    noise.
+    It uses the table of kappa_p0, or central differences if effects also depend on the pressure,
+    or change a wrench with it. With the table alone, an effect that depends on the pressure could
+    replace the table and so avoid its noise.
     """
     slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
@@ -190,7 +191,7 @@ def pressure_moves(
 def model_errors(arm: Arm, inputs: Inputs) -> Array:
     """Return the displacement by one sigma of pressure and of each column of the covariance.
 
-    (frames, 2 targets, 1 + columns) m by central differences of the whole model; without NaN: zero
+    (frames, 2 targets, 1 + columns) m, by central differences of the whole model; zero, not NaN,
     where a neighbor has no equilibrium.
     """
     errors = [pressure_error(arm, inputs, arm.sensors.pressure_std)]
@@ -204,7 +205,7 @@ def model_errors(arm: Arm, inputs: Inputs) -> Array:
 def pressure_error(arm: Arm, inputs: Inputs, std: float) -> Array:
     """Return the displacement by one sigma (Pa) of pressure, (frames, 2, targets) m.
 
-    By a central difference of the whole model, NaN where a neighbor has no equilibrium.
+    It is a central difference of the whole model, NaN where a neighbor has no equilibrium.
     """
     below, above = (
         solved_points(arm, replace(inputs, pressure=inputs.pressure + sign * PRESSURE_STEP))
@@ -225,7 +226,7 @@ def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorN
 
     Includes white noise, placement, and the interpolated noise of force and pressure readings; NaN
     where a target was not seen or a frame has no equilibrium. Do not use it for a fit: an error of
-    a reading moves all targets of a frame together. For that use `reading_errors`, which also
+    a reading moves all targets of a frame together. For a fit use `reading_errors`, which also
     allows for a delayed load and for noise that is not white.
     """
     model = ForwardModel(arm.target_arclength)

@@ -1,8 +1,8 @@
 """Quantization error of a sensor with coarse steps, such as a scale or a low-resolution ADC.
 
-At rest such a sensor seems to have no noise, but is wrong by up to half a step. Noisy readings of
-a fine sensor soon differ by almost nothing, quantized ones never by less than a step. The smallest
-change between successive readings is therefore the step.
+At rest such a sensor seems to have no noise, but its error is up to half a step. Successive noisy
+readings of a fine sensor soon happen to be almost equal, but quantized readings never differ by
+less than a step. The smallest change between successive readings is therefore the step.
 """
 
 from __future__ import annotations

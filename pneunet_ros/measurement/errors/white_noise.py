@@ -1,7 +1,7 @@
 """White noise of a sensor, estimated from recent readings of a changing quantity.
 
 High-order differences remove a signal that is smooth from reading to reading, but keep all white
-noise. If readings are too rare for that, some intermediate order leaves least of the signal.
+noise. If readings are too rare for that, some intermediate order leaves the least of the signal.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Chi-squared limit of the misfit due to noise alone, for frames and models."""
+"""Limit of chi squared that noise alone exceeds rarely, for frames and models."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A bank of hypotheses, each with its own belief.
 
-A hypothesis is a set of causes and the belief if exactly these are present. All take the same
-frames, and the evidence of each frame is added to their weights. A hypothesis far less likely than
-the best is dropped together with its belief, so nothing else has to be undone.
+A hypothesis is a set of causes, and the belief given exactly these causes. All hypotheses use the
+same frames, and the evidence of each frame is added to their weights. A hypothesis that is far
+less likely than the best is dropped together with its belief, so nothing else has to be undone.
 
 Source: multiple models with common measurements: Magill, IEEE Trans. Automatic Control 10 (1965);
 evidence: MacKay, Neural Computation 4 (1992).
@@ -47,7 +47,7 @@ def ranked(
 
     Args:
         hypotheses: in any order; a constant may be common to all weights.
-        bound: log odds against the best, above which one is dropped.
+        bound: log odds against the best hypothesis, above which a hypothesis is dropped.
         most: largest number kept.
         is_same: whether two beliefs are equivalent; the less likely of them is dropped.
     """
@@ -65,8 +65,8 @@ def ranked(
 def odds_relative_to_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
     """Return the odds of every other hypothesis against the first one, at most 1.
 
-    They weight the distances by which the errors of the first hypothesis are widened: the second
-    moment of a mixture, or more, because the evidence is only as good as its models.
+    They weight the distances by which the errors of the first hypothesis are widened. This gives
+    the second moment of a mixture or, because evidence is only as good as its models, more.
     """
     return [
         math.exp(min(one.log_weight - hypotheses[0].log_weight, 0.0)) for one in hypotheses[1:]

@@ -67,8 +67,8 @@ def widen(known: Known, where: Where, std: Array) -> Known:
 def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, float]:
     """Return the estimate of an unknown without its prior, and its sigma in the score test.
 
-    before: one sigma of its zero-mean prior. Infinite if the measurements have no information.
-    Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
+    before: one sigma of its zero-mean prior. Both are infinite if the measurements have no
+    information. Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
     """
     share = 1.0 - (known.std(which) / before) ** 2 if before > 0.0 else 0.0
     if share <= 0.0:
@@ -81,8 +81,8 @@ def prior_log_odds(
 ) -> float:
     """Return the log odds (nats) of another prior, given all measurements so far.
 
-    For some constant unknowns; before, after: one sigma (k,) of the present and of the other
-    prior; center (k,): mean of both. -inf if one was known exactly.
+    The prior is that of some constant unknowns; before, after: one sigma (k,) of the present and
+    of the other prior; center (k,): mean of both. -inf if one of the unknowns was known exactly.
     """
     return (
         -math.inf if not before.all() else _other_prior(known, where, (before, after), center)[2]
@@ -97,7 +97,7 @@ def with_prior(
     The information of all measurements since is kept, and the correlated unknowns follow.
 
     Args:
-        known: mean and root, starting from a prior on these unknowns.
+        known: mean and root of a belief that started from a prior on these unknowns.
         where: indices of the unknowns, which must be constant.
         before, after: one sigma (k,) of the original prior, and of a wider one.
         center: mean (k,) of both.
@@ -125,7 +125,7 @@ def with_prior(
 def _other_prior(
     known: Gaussian, where: Where, stds: tuple[Array, Array], center: Array | float
 ) -> tuple[Array, Array, float, tuple[Array, Array]]:
-    """Return mean, covariance and log odds under another prior, and the earlier spectrum.
+    """Return mean, covariance and log odds under another prior, and the previous spectrum.
 
     All are in sigmas of the original prior.
     """
@@ -147,9 +147,9 @@ def _other_prior(
 
 
 def take_measurement(known: Known, response: Array, value: Array, std: Array) -> Known:
-    """Take a linear measurement: value (k,) = response (k, n) x + noise.
+    """Update by a linear measurement: value (k,) = response (k, n) x + noise.
 
-    std (k,) of the noise, independent. The square-root form of the Kalman update.
+    std (k,) of the noise, independent. This is the square-root form of the Kalman update.
     """
     seen = response @ known.root / std[:, None]
     factor = innovation_factor(seen)
@@ -191,7 +191,7 @@ def compress(root: Array) -> Array:
 
 
 def compressed(known: Known) -> Known:
-    """Return the Gaussian with a square root of covariance; propagation adds columns to it."""
+    """Return the Gaussian with a square root (n, n); propagation adds columns to a root."""
     rows, columns = known.root.shape
     return known if columns <= rows else replace(known, root=compress(known.root))
 

@@ -1,7 +1,7 @@
 """The size of errors, estimated from frames: empirical Bayes of a variance component on a grid.
 
-For a size L the innovation of a frame has the covariance S + L^2 H D H^T, where S covers all other
-errors, and one fit gives the likelihood of all L.
+For a size L, the innovation of a frame has the covariance S + L^2 H D H^T, where S covers all
+other errors; a single fit gives the likelihood of every L.
 
 Source: noise of a Kalman filter from its innovations: Mehra, IEEE Trans. Automatic Control 15
 (1970).

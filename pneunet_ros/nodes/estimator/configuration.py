@@ -112,7 +112,7 @@ class EstimatorConfiguration(ArmConfiguration):
         return self.info_with(effects=effects)
 
     def carry_over(self, state: EstimatorState, before: EstimatorConfiguration) -> EstimatorState:
-        """Return the part of an earlier state that stays valid with this configuration."""
+        """Return the part of an earlier state that remains valid with this configuration."""
         new, old = self.estimator, before.estimator
         if new.arm is not old.arm:
             return state.fresh()

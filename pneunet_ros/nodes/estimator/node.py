@@ -210,7 +210,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         return 'the estimator was reset'
 
     def reconfigure(self, configuration: EstimatorConfiguration) -> None:
-        """Keep the still valid part of the state, and use the new rate."""
+        """Keep the part of the state that remains valid, and use the new rate."""
         self.state = configuration.carry_over(self.state, self.configuration)
         if not share_arm_and_settings(configuration, self.configuration):
             self.consistency = self.consistency.fresh()

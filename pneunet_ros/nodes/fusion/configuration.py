@@ -115,7 +115,7 @@ class FusionConfiguration(ArmConfiguration):
         return self.info_with(targets=targets, settings=changed)
 
     def carry_over(self, state: FusionState, before: FusionConfiguration) -> FusionState:
-        """Return the part of an earlier state that stays valid with this configuration."""
+        """Return the part of an earlier state that remains valid with this configuration."""
         new, old = self.fusion, before.fusion
         if new.arm is not old.arm:
             return state.restarted()

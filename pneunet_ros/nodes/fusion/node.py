@@ -142,7 +142,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         return 'the fusion was reset'
 
     def reconfigure(self, configuration: FusionConfiguration) -> None:
-        """Keep the still valid part of the state, and use the new rate."""
+        """Keep the part of the state that remains valid, and use the new rate."""
         self.settle()
         self.state = configuration.carry_over(self.state, self.configuration)
         self.outputs.centerline_rate = configuration.node.centerline_rate

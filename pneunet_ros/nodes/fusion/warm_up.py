@@ -22,8 +22,8 @@ FRAME_PERIOD_NS = NANOSECONDS_PER_SECOND // 10
 def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
     """Run every kernel and every encoder once; returns why there was no estimate, or ''.
 
-    The unloaded arm is shown without and with its wrench, for enough frames to trigger another
-    search from cold starts, the slowest operation. Plain Python needs no warm-up.
+    Frames of the unloaded arm are processed without and with its wrench, until another search from
+    cold starts begins, the slowest operation. Plain Python needs no warm-up.
     """
     arm, sensors = fusion.arm, fusion.sensors
     pressure = 0.5 * sum(arm.pressure_range)
@@ -55,7 +55,7 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
 
 
 def unloaded(stamp_ns: int, frame_id: str) -> WrenchReading:
-    """Return the wrench of an untouched arm."""
+    """Return the wrench of an arm that nothing touches."""
     return WrenchReading(
         stamp_ns=stamp_ns, force_x=0.0, force_y=0.0, moment=0.0, frame_id=frame_id
     )

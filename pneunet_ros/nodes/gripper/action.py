@@ -1,6 +1,6 @@
 """The action `gripper_cmd` of type control_msgs/action/GripperCommand.
 
-It requires control_msgs, which is part of ROS 2 but not of any Python package index.
+It requires control_msgs, which is part of ROS 2 but not available from a Python package index.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class GripperGoals:
     """Executes goals one at a time: a new goal ends the previous one.
 
     kind: the type of the action. A goal ends when the width is reached, or when the arms hold an
-    object with the largest allowed force, which is not a failure but sets `stalled`.
+    object with the largest allowed force; the latter sets `stalled` and is not a failure.
     """
 
     def __init__(self, grasping: Grasping, kind: Any) -> None:

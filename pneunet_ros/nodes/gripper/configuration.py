@@ -70,7 +70,7 @@ class GripperSettings:
     hold_after: float = quantity(
         0.3,
         unit='s',
-        meaning='time without frames after which the command is held',
+        meaning='time without frames after which the last command is held',
         bounds=(1e-3, 1e3),
     )
 
@@ -196,9 +196,9 @@ def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, 
 def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
     """Return the block of an arm.
 
-    given: parameters of the gripper, those of a block as NAME.KEY. A key is `topics.` plus the
-    name of a topic, a node plus one of its parameters (`fusion.use_wrench`), a parameter of all
-    nodes that have it, or `mount`. RequestError for any other key.
+    given: parameters of the gripper, those of a block as NAME.KEY. A key is `topics.` and the name
+    of a topic, a node and one of its parameters (`fusion.use_wrench`), a parameter for all nodes
+    that have it, or `mount`. RequestError for any other key.
     """
     topics: dict[str, str] = {}
     mount: Sequence[float] | None = None

@@ -56,7 +56,7 @@ class Grasping:
             fusion.take_frame = partial(self.take_frame, arm)
 
     def publish_mounts(self) -> None:
-        """Publish the poses of the arm bases that have their own frame."""
+        """Publish the poses of the arm bases, each of which has its own frame."""
         frames = {
             arm: fusion.configuration.fusion.sensors.frame_id
             for arm, fusion in self.fusions.items()
@@ -88,7 +88,7 @@ class Grasping:
             self.follow(time.monotonic())
 
     def take_command(self, message: Any) -> None:
-        """Take a command: position, the width (m); effort, the largest force (N) of an arm."""
+        """Take a command; position: the width (m), effort: the largest force (N) of an arm."""
         try:
             if len(message.position) != 1 or len(message.effort) > 1:
                 raise RequestError(
@@ -101,7 +101,7 @@ class Grasping:
             self.node.log.warn('command', sentence, time.monotonic())
 
     def order(self, width: float, force: float) -> GripCommand:
-        """Execute a command from now on; force: 0 or less for the largest allowed."""
+        """Execute a command from now on; force: 0 or less means the largest allowed one."""
         most = self.settings.max_force
         command = GripCommand(width=width, force=min(force, most) if force > 0.0 else most)
         if self.command is None:
@@ -110,7 +110,7 @@ class Grasping:
         return command
 
     def hold(self) -> None:
-        """Stop executing commands; valves hold the last one."""
+        """Stop executing commands; the valves hold the last pressure."""
         self.command = None
 
     def follow(self, now: float) -> None:
@@ -130,7 +130,7 @@ class Grasping:
             self.commands[arm].publish(kind(header=heading, fluid_pressure=pressure))
 
     def controller(self) -> Closing:
-        """Return the pressure controller for the models in use."""
+        """Return the controller of the pressures for the models in use."""
         reaches = {}
         for arm, fusion in self.fusions.items():
             model = fusion.configuration.fusion.arm

@@ -31,8 +31,8 @@ from std_srvs.srv import Trigger
 
 USAGE = """usage: pneunet-gripper [--ros-args ...]
 
-Estimates all arms of a gripper in one process. The parameter arms names them; what each of them
-needs is a block of its name, as in config/gripper.yaml:
+Estimates all arms of a gripper in one process. The parameter arms lists their names; the
+settings of each arm are in a block with its name, as in config/gripper.yaml:
 
   pneunet-gripper --ros-args --params-file config/gripper.yaml
   pneunet-gripper --ros-args -p arms:="[thumb, index]" -p thumb.model_file:=/path/to/thumb.yaml

@@ -47,7 +47,7 @@ class Camera:
         node.call_every(FOLLOW_PERIOD, self.follow)
 
     def add(self, node: Any) -> None:
-        """Pass images to a node from now on; CameraError if its row belongs to another one."""
+        """Pass images to a node from now on; CameraError if its row belongs to another node."""
         nodes = self.nodes | {node.get_fully_qualified_name(): node}
         check_rows({name: one.configuration.tracker for name, one in nodes.items()})
         self.nodes = nodes
@@ -69,7 +69,9 @@ class Camera:
         for node in nodes:
             node.note_message(self.topic, info)
         if jit.is_waiting():  # plain Python takes minutes for an image
-            sentence = 'compiling the kernels (once only): images are not searched until then'
+            sentence = (
+                'compiling the kernels (once only): images are not processed until this is done'
+            )
             self.refuse(COMPILING, CameraError(sentence, reason=COMPILING))
             return
         try:
@@ -89,7 +91,7 @@ class Camera:
         return decode_compressed_image(message, colored=colored)
 
     def refuse(self, reason: str, error: Exception) -> None:
-        """Count a message that could not be decoded, in all trackers."""
+        """Count a message that could not be decoded, for all trackers."""
         for node in self.nodes.values():
             node.refuse(reason, error)
 
@@ -100,7 +102,7 @@ class Camera:
 
 
 def camera_of(node: Any) -> Camera:
-    """Return the camera of a tracker node, shared with nodes of its process on the same topics."""
+    """Return the camera of a tracker node; nodes of a process share the camera of a topic."""
     cameras = node.node_options.cameras if node.node_options.namespace else {}
     key = image_topic_of(node)[0], node.resolve_topic_name('camera_info')
     if key in cameras:

@@ -41,7 +41,7 @@ class TrackerSettings:
     clamp_pixel: str = setting(
         '',
         'approximate pixel of the target next to the clamp, as "120, 240": selects the row that '
-        'begins there if the image shows several; empty: as in the camera file',
+        'begins there, if the image shows several rows; empty: as in the camera file',
     )
     frame_id: str = setting(
         BASE_FRAME, 'frame at the clamp, of all outputs except image_annotated'

@@ -1,4 +1,4 @@
-"""Health of the tracker: tracked, missed and rejected frames, summarized once a second."""
+"""Health of the tracker: tracked, missed and rejected frames, summarized every second."""
 
 from __future__ import annotations
 
@@ -114,6 +114,6 @@ def _scale(state: TrackerState) -> float | None:
 
 
 def _missing(tracking: Tracking) -> list[int]:
-    """Ids of the targets that were not seen."""
+    """Return the ids of the targets that were not seen."""
     missing: list[int] = np.flatnonzero(np.isnan(tracking.sightings.x)).tolist()
     return missing

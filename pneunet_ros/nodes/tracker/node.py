@@ -77,7 +77,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         outcome: Tracking | Refusal | None,
         info: dict[str, int],
     ) -> None:
-        """Process the outcome of an image, and publish its targets; info: of the message."""
+        """Process the outcome of an image, and publish its targets; info: that of the message."""
         has_reset, self.state = state.resets > self.state.resets, state
         if has_reset:
             sentence = 'time jumped back: the tracker was reset'
@@ -100,7 +100,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
                 out.publish(self.serializer.bytes_of(output, result))
 
     def annotate(self, image: Image, tracking: Tracking) -> None:
-        """Publish the image with the tracking result drawn in."""
+        """Publish the image with the tracking result drawn in it."""
         curve, plane, lens = None, self.state.plane, self.state.lens
         if tracking.curve is not None and plane is not None and lens is not None:
             curve = curve_in_image(tracking.curve, plane, lens)
@@ -131,6 +131,6 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         return 'the tracker was reset'
 
     def reconfigure(self, configuration: TrackerConfiguration) -> None:
-        """Restart if the configuration has changed; camera information remains."""
+        """Start again if the configuration has changed; camera information remains valid."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)

@@ -34,8 +34,8 @@ class VirtualArmSettings:
     effects: str = setting(
         '',
         (
-            'hidden effects in addition to those of the file: NAME.PARAMETER=VALUE, '
-            'separated by spaces'
+            'hidden effects in addition to those in the file: NAME.PARAMETER=VALUE, separated '
+            'by spaces'
         ),
     )
     seed: int = setting(0, 'random seed of the noise', bounds=(0, 2**31 - 1))
@@ -54,8 +54,9 @@ class VirtualArmSettings:
     swing_period: float = quantity(
         0.0,
         unit='s',
-        meaning='period of inflating and deflating until the first command; 0: the arm waits at '
-        'rest',
+        meaning=(
+            'period of inflating and deflating until the first command; 0: the arm stays at rest'
+        ),
         bounds=(0.0, 1e4),
     )
     frame_id: str = setting(BASE_FRAME, 'frame of end_wrench, targets and true_tip, at the clamp')

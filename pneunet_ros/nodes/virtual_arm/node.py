@@ -52,7 +52,7 @@ NOT_FINITE, WRONG_FRAME = 'not_finite', 'wrong_frame'
 
 
 class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
-    """Runs a `LiveLab` in real time by the steady clock, with ROS stamps."""
+    """Runs a `LiveLab` in real time: steady clock for the lab, ROS time for stamps."""
 
     INFO_TOPIC: ClassVar[str] = 'lab_info'
     SHARED_INPUTS: ClassVar[tuple[str, ...]] = ('pressure_command', 'force_command')
@@ -122,7 +122,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(UNREADABLE, str(error))
             return
         if not math.isfinite(command):
-            self.refuse(NOT_FINITE, f'rejected a commanded pressure of {command}')
+            self.refuse(NOT_FINITE, f'a commanded pressure of {command} was rejected')
             return
         low, high = self.configuration.lab.scenario.arm.pressure_range
         limited = min(max(command, low), high)
@@ -156,7 +156,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
 
     def commanded(self) -> float:
-        """Return the target pressure (Pa) of the valve: commanded, or of the automatic cycle."""
+        """Return the target pressure (Pa) of the valve: commanded, or from the automatic cycle."""
         if self.command is not None:
             return self.command
         period = self.configuration.node.swing_period
@@ -165,7 +165,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return 0.5 * SWING * high * (1.0 - math.cos(2.0 * math.pi * max(turns - 1.0, 0.0)))
 
     def advance(self) -> int:
-        """Advance the arm to the present; return its stamp (ns), 0 before time starts."""
+        """Advance the arm to the current time; return its stamp (ns), 0 before time starts."""
         lab = self.configuration.lab
         self.state = lab.step(self.state, self.now(), self.commanded(), self.load)
         stamp_ns: int = self.get_clock().now().nanoseconds
@@ -174,7 +174,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def measure(self) -> None:
         """Publish the readings of wrench and pressure, and the truth if it has subscribers.
 
-        There is one reading per instant of ROS time, so none while /clock stands still.
+        There is one reading per instant of ROS time, and none while /clock stands still.
         """
         stamp_ns = self.advance()
         self.clock_stopped = stamp_ns in (0, self.stamp_ns)
@@ -207,7 +207,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             use(shape)
 
     def tip_now(self) -> Array | None:
-        """Advance the arm to the present; return its tip (2,) m, None if there is no shape."""
+        """Advance the arm to the current time; return its tip (2,) m, None without a shape."""
         tips: list[Array] = []
         reach = [self.configuration.lab.scenario.arm.reach]
         self.advance()
@@ -233,7 +233,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         return tip
 
     def frame_stamp(self) -> int | None:
-        """Advance the arm to the present; return the stamp (ns) of its camera.
+        """Advance the arm to the current time; return the stamp (ns) of its camera.
 
         None before time starts, or if no time has passed since the last frame.
         """

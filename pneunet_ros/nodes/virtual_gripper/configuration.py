@@ -81,8 +81,8 @@ def configured_virtual_gripper(
 def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, str]]:
     """Return the simulated gripper, and the frames of its arms.
 
-    files: parameter files, none for the shipped one; name: full name of the node `gripper`.
-    RequestError if its arms have no mounts.
+    files: parameter files; if there are none, the shipped one is used; name: full name of the node
+    `gripper`. RequestError if its arms have no mounts.
     """
     given: dict[str, Any] = {}
     for path in files or [str(share_path(SHIPPED))]:

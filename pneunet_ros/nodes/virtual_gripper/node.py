@@ -1,7 +1,7 @@
 """The node `virtual_gripper`: virtual arms around an object, for the node `gripper`.
 
-It reads the parameters of the gripper, for its arms and their mounts. The object is a soft
-cylinder along the direction of the gripper, in its middle: it pushes the tips back.
+It reads arms and mounts from the parameters of the gripper. The object is a soft cylinder along
+the direction of the gripper, in its middle, that pushes the tips back.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ config/gripper.yaml
 
 
 class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
-    """Simulates an object that pushes the arms reaching into it."""
+    """Simulates an object that pushes back the arms that reach into it."""
 
     INFO_TOPIC: ClassVar[str] = 'lab_info'
 
