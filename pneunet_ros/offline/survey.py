@@ -118,7 +118,7 @@ def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
 
 
 def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
-    """Return the recordings of a role, given by a prefix of their name or of their folder's.
+    """Return the recordings of a role, named by the prefix of their name or of their folder's.
 
     Case is ignored.
     """
@@ -139,7 +139,7 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
-    """Return the arms of a table: paths relative to it, with patterns as in a shell."""
+    """Return the arms in a table: paths relative to the table, with patterns as in a shell."""
     found, names = [], set()
     for line, row in rows_of(table):
         name = row['name']
@@ -220,7 +220,7 @@ def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
 def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[str, str]]]:
     """Return a key that identifies the work on an arm, and the recordings with their hashes.
 
-    decided: everything else that determines the outcome. RecordingError if a file cannot be read.
+    decided: all other inputs that determine the outcome. RecordingError if a file cannot be read.
     """
     from pneunet_ros.offline.calibration_files import inputs_of
 
@@ -239,7 +239,7 @@ class SurveyFolder:
     overwrite: bool
 
     def check(self, pages: Sequence[str]) -> None:
-        """Reject a folder with foreign files; pages: patterns of the files next to the arms."""
+        """Reject a folder with foreign files; pages: patterns of the survey's own files."""
         if self.path.exists() and not self.path.is_dir():
             raise RecordingError(f'{self.path} is a file, not a folder', reason='wrong_kind')
         for path in sorted(self.path.iterdir()) if self.path.is_dir() else ():
@@ -255,10 +255,11 @@ class SurveyFolder:
         return self.path / ARMS / name
 
     def finished_row(self, name: str, key: str) -> dict[str, Any] | None:
-        """Return the row of a finished arm; None if it must be done.
+        """Return the row of a finished arm; None if the arm must be processed.
 
-        Raises RecordingError if it was done with other recordings, arm file or options, unless
-        outputs may be replaced. An arm that failed with other inputs is simply done again.
+        Raises RecordingError if it was processed with other recordings, another arm file or other
+        options, unless outputs may be replaced. An arm that failed with other inputs is simply
+        processed again.
         """
         row = self.row(name)
         if row is None:
@@ -269,8 +270,8 @@ class SurveyFolder:
             return None
         raise RecordingError(
             f'{self.folder(name)} was made from other recordings, with another arm file, other '
-            'options or another version: choose another --output, or pass --overwrite to redo '
-            'this arm',
+            'options or another version: choose another --output, or pass --overwrite to '
+            'process this arm again',
             reason='other_inputs',
         )
 
@@ -311,9 +312,9 @@ def work_on_fleet(
 ) -> Iterator[Outcome]:
     """Yield the result of each arm as it finishes.
 
-    A process that dies takes all others of its pool with it, so the arms that were running are
-    done again one by one: an arm whose process dies when it runs alone is the cause, and the
-    others continue.
+    A process that dies ends all others of its pool, so the arms that were running are processed
+    again one by one: the arm whose process dies when it runs alone is the cause, and the others
+    continue.
 
     Args:
         arms: the arms of the fleet.
@@ -367,7 +368,7 @@ def work_concurrently(
 
 
 def sentence_of(error: Exception) -> str:
-    """Describe the error of an arm, with its type if it is a foreign one."""
+    """Describe the error of an arm, with its type if the error is not ours."""
     if isinstance(error, (PneunetError, ChildProcessError)):
         return str(error)
     return f'{type(error).__name__}: {" ".join(str(error).split())}'

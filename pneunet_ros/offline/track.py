@@ -1,4 +1,4 @@
-"""Track: images -> `Tracker.step` -> recording, with the same messages and step as live."""
+"""Track: from images through `Tracker.step` to a recording, with messages and step as live."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def look_ahead(
     """Return the initial state of the tracker, and a note if it is not empty.
 
     If a recording begins with the arm bent or hidden, scale and base frame come from later frames
-    in which the arm is at rest. A recording that begins at rest is tracked as it would be live,
-    and so is one whose camera_info changes, or whose stamps jump, before the rest. `on_frame` sees
-    each frame that was looked at. Raises CameraError if the arm is upright from the beginning and
-    it is not known which end is the clamp.
+    in which the arm is at rest. A recording that begins at rest is tracked as it would be live. So
+    is a recording whose camera_info changes, or whose stamps jump, before the arm rests.
+    `on_frame` is called with each frame that was searched. Raises CameraError if the arm is
+    upright from the beginning, so that it is unknown which end is the clamp.
     """
     state, frames, first = TrackerState(), 0, ''
     for item in stream.read(()):
@@ -115,8 +115,8 @@ def record_tracking(
 ) -> tuple[str, ...]:
     """Write all tracker outputs, and the other topics of a recording unchanged.
 
-    with_images: copy the images, too. `on_progress` sees every step. start: as in `track_steps`.
-    Returns sentences about omitted topics.
+    with_images: whether to copy the images as well. `on_progress` is called with every step.
+    start: as in `track_steps`. Returns sentences about omitted topics.
     """
     names = {f'{stream.namespace}/{output.name}': output for output in TRACKER_OUTPUTS}
     topics = OutputTopics(writer, names, frame_id)
@@ -152,9 +152,9 @@ class TrackTally:
     """Tracking counts; each frame counts once, under one reason or none.
 
     seen (targets,): number of explained frames in which each target was seen; sentences: the
-    latest for each reason; causes: counts of why (a key of CAUSES) a target was not seen. points:
-    (2, targets) m of each explained frame; last_pixel: first position of the last target;
-    log_areas (targets,): sum of log areas relative to the median of their frame.
+    latest for each reason; causes: counts of the causes (keys of CAUSES) for which a target was
+    not seen. points: (2, targets) m of each explained frame; last_pixel: first position of the
+    last target; log_areas (targets,): sum of log areas relative to the median of their frame.
     """
 
     targets: int
@@ -244,14 +244,14 @@ class TrackTally:
     def odd_sized_dots(self) -> list[str]:
         """Name the targets whose average size differs from the rest of the row.
 
-        The search follows odd dots, but less reliably than the others.
+        The search follows such dots, but less reliably than the others.
         """
         size = self.log_areas / np.maximum(self.seen, 1.0)  # of logarithmic areas
         odd = np.abs(size) > BEAM_SEARCH.odd * BEAM_SEARCH.size_std
         return [
             f'target {target} is {math.exp(0.5 * size[target]):.2g} times as wide as the others: '
-            'it was tracked, but repaint the dot, or remove whatever touches it (--preview shows '
-            'it)'
+            'it was tracked, but not reliably: repaint the dot, or remove whatever touches it '
+            '(--preview shows it)'
             for target in np.flatnonzero(odd & (self.seen > 0)).tolist()
         ]
 
@@ -269,7 +269,8 @@ class TrackTally:
 def check_row_order(tracker: Tracker, tally: TrackTally) -> None:
     """Raise CameraError if the arm was tracked from its free end to the clamp.
 
-    In that case its first targets turn like a free end, or move while the last ones are at rest.
+    In that case, the first targets rotate like those at a free end, or move while the last ones
+    are at rest.
     """
     if not tally.points or tally.last_pixel is None:
         return

@@ -1,4 +1,4 @@
-"""Possible uses of a recording by verb, with a remedy for impossible ones, as in `check`."""
+"""Possible uses of a recording by verb, with a remedy for each impossible one, for `check`."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ SOLVES_TRIED = 20  # readings without an equilibrium, after which the check stop
 class UseRequest:
     """Request for a check: the arm, the sensor conventions, topic names.
 
-    own_model: whether the model is of the recorded arm; without a model it is the shipped one.
+    own_model: whether the model is that of the recorded arm; without a model, the shipped one is
+    used.
     """
 
     arm: Arm
@@ -158,8 +159,8 @@ def uses(
     def calibrates_loaded() -> str:
         if not (has(END_WRENCH) or has(STRING_WRENCH)):
             raise RecordingError(
-                'it has no end load: either it is an unloaded recording, or give the weight that '
-                f'hung on the arm: --end-load {recording.path} FX FY',
+                'it has no end load, so it counts as unloaded. If a weight hung on the arm, add '
+                f'--end-load {recording.path} FX FY',
                 reason='not_loaded',
             )
         run, found = in_base()
@@ -174,7 +175,9 @@ def uses(
                 reason='not_loaded',
             )
         return (
-            by_tip(data, found) if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
+            by_tip(data, found)
+            if data.pressurized
+            else (f'as a beam, because there is no {PRESSURE.name}')
         )
 
     def diagnoses() -> str:
@@ -195,7 +198,7 @@ def uses(
 
 
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:
-    """Note that a calibration uses the measured pose of the tip, if so.
+    """Note that a calibration uses the measured pose of the tip, if it does.
 
     found: facts about the frame in which the pose was measured.
     """

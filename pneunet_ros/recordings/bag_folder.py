@@ -53,7 +53,7 @@ def stored_files(path: Path) -> list[Path]:
     for name, number in Counter(names).items():
         if number > 1:
             raise RecordingError(
-                f'{path / METADATA} names {name} {number} times: list it only once',
+                f'{path / METADATA} lists {name} {number} times: list it only once',
                 reason='given_twice',
             )
     named = (path / name for name in names)

@@ -1,6 +1,6 @@
 """Reads recordings for calibration and diagnosis: frames matched with pressure and load.
 
-Omitted data are counted in sentences; nothing is filled in.
+Omitted data are counted in sentences; missing data are not filled in.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def read_run(
         path: of an .mcap file or a rosbag2 folder.
         targets: number of targets of the arm.
         overrides: full topic name by last name.
-        settings: meaning of readings: sign and yaw of the wrench, gauge or absolute pressure.
-        gravity: of the model, and whether a sensor measures it.
+        settings: meaning of the readings (sign and yaw of the wrench, gauge or absolute pressure).
+        gravity of the model, and whether a sensor measures it.
 
     Returns:
         The recording (Pa gauge; N, N m, m in the base frame), and sentences on omitted data.
@@ -187,7 +187,7 @@ def tip_frame(recording: Recording, topic: str | None, settings: EstimatorSettin
 def is_constant(values: Array) -> bool:
     """Whether a load (readings, 3) is bit-identical throughout, and not zero.
 
-    No sensor reads like this, so a known weight was entered by hand.
+    No sensor reads like this, so the load is a known weight that was entered by hand.
     """
     return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 

@@ -1,4 +1,4 @@
-"""Kinds of files that are not recordings, by their names, and the verbs that read them."""
+"""Files that are not recordings: their kinds by name, and the verbs that read them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def holds_pictures(folder: Path) -> bool:
 
 
 def recording_from(path: Path) -> str:
-    """Describe how to make a recording from a path that is not one."""
+    """Describe how to make a recording from a path that is not a recording."""
     if path.suffix.lower() in VIDEOS or (path.is_dir() and holds_pictures(path)):
         return (
             'contains images: `pneunet track FILM --readings TABLE.csv --output REC.mcap` turns '

@@ -39,10 +39,10 @@ class StreamItem(NamedTuple):
 class ImageStream:
     """A source of images that can be read.
 
-    `read(other_topics)` yields image and camera_info, and of a recording also these topics, in log
-    time order; of equal log times camera_info comes first. `image_topic`: real or
-    nominal name of the image topic; `lens_source`: source of the lens. `frames`: expected number
-    of images; `clock`: description of the source of their stamps.
+    `read(other_topics)` yields image and camera_info, and for a recording also these topics, in
+    log time order; at equal log times camera_info comes first. `image_topic`: real or nominal name
+    of the image topic; `lens_source`: source of the lens. `frames`: expected number of images;
+    `clock`: description of the source of their stamps.
     """
 
     kind: str
@@ -72,7 +72,7 @@ def ideal_lens(width: int, height: int) -> Lens:
 
 
 def with_lens(items: Iterator[StreamItem], lens: Lens | None) -> Iterator[StreamItem]:
-    """Insert camera_info before the first image: the given one, or an ideal lens."""
+    """Insert camera_info before the first image: the given one, or that of an ideal lens."""
     known = False
     for item in items:
         image = item.reading
@@ -84,7 +84,7 @@ def with_lens(items: Iterator[StreamItem], lens: Lens | None) -> Iterator[Stream
 
 
 def stamp_at(index: int, rate: float) -> int:
-    """Return the stamp (ns) of a frame; the first one is 1, as 0 means none."""
+    """Return the stamp (ns) of a frame; the first one has 1, because 0 means no stamp."""
     return 1 + round(index * NANOSECONDS_PER_SECOND / rate)
 
 
@@ -100,7 +100,7 @@ def checked_rate(rate: float | None) -> float | None:
 
 def counted_clock(rate: float) -> str:
     """Describe stamps that count the frames at a rate (Hz)."""
-    return f'frames counted, {rate:g} a second'
+    return f'frames counted, {rate:g} per second'
 
 
 def image_of(pixels: Bytes, stamp_ns: int) -> Image:

@@ -1,6 +1,6 @@
 """Contents of an MCAP file, found in one pass, and its messages.
 
-Complete, unindexed (`fastwrite`) and truncated files give the same description, so readers of
+Complete, unindexed (`fastwrite`) and truncated files have the same description, so readers of
 messages need not distinguish them. Every existing checksum is verified: damaged parts are left out
 and listed in `McapFile.damage`.
 """
@@ -92,7 +92,7 @@ def open_mcap(path: Path, name: Path | None = None) -> McapFile:
 
 
 def check_is_mcap(path: Path, name: Path | None = None) -> None:
-    """Raise RecordingError if a file does not begin as an MCAP file, or cannot be read."""
+    """Raise RecordingError if a file does not begin like an MCAP file, or cannot be read."""
     with readable(path, name) as stream:
         _size_of_mcap(name or path, stream)
 
@@ -133,7 +133,7 @@ def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int
 
 @dataclass(slots=True)
 class _Scan:
-    """One pass over a file, from its first to its last complete record."""
+    """One pass over a file, from the first to the last complete record."""
 
     path: Path
     stream: BinaryIO
@@ -272,7 +272,7 @@ class _Scan:
         self._message(run, *message_head(head, 0, len(head)))
 
     def _chunk(self, start: int, end: int, cut_off: bool) -> None:
-        """Read a chunk, or the available part of it; a damaged one is skipped."""
+        """Read a chunk, or its available part; a damaged chunk is skipped."""
         run = _Run(start)
         try:
             if end - start > LARGEST_CHUNK + LARGEST_DEFINITION:
@@ -337,8 +337,8 @@ class _Scan:
 
     def _refusal(self, what: str) -> RecordingError:
         return RecordingError(
-            f'{self.path} contains {what}: it is damaged, or was made to exhaust memory; if it '
-            'is neither, rewrite it without compression',
+            f'{self.path} contains {what}: it is damaged, or was made to exhaust memory; if '
+            'neither is true, rewrite it without compression',
             reason='too_large',
         )
 

@@ -41,8 +41,8 @@ class UnknownCompression(RecordingError):
 def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of every complete record in `data`.
 
-    The library's StreamReader does the same, but trusts lengths. Reading a message takes 22 us
-    with it and 10 us with this (measured on estimates of 57 stations).
+    The StreamReader of the library trusts lengths. It takes 22 us to read a message, this takes 10
+    us (measured on estimates of 57 stations).
     """
     position, size = 0, len(data)
     while position + RECORD_HEAD.size <= size:
@@ -106,8 +106,8 @@ def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
 def write_checksums(path: Path) -> None:
     """Write the CRC-32 of every chunk, of the data section and of the summary into a file.
 
-    rosbags writes none, and without them damage would be silent. Each covers the range defined by
-    the specification of MCAP.
+    rosbags writes no checksums, and without them damage would not be noticed. Each checksum covers
+    the range that the specification of MCAP defines.
     """
     with path.open('r+b') as stream:
         position = len(MAGIC)

@@ -60,7 +60,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
     """Return the types for reading a topic: those of Jazzy if equal, or its own.
 
     definition: the schema in the recording, '' if it has none. Raises RecordingError if the type
-    is neither known nor can be learned.
+    is not known and cannot be learned.
     """
     store = jazzy()
     if not definition:

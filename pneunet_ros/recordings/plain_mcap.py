@@ -1,6 +1,6 @@
 """Converts compressed (zstd) and sqlite3 files of a recording to plain MCAP.
 
-A copy is made once, in a temporary folder that is removed with the process. Individually
+A copy is made once, in a temporary folder that is removed when the process ends. Individually
 compressed messages stay compressed: `recording` unpacks them while reading.
 """
 
@@ -44,7 +44,7 @@ def plain_mcap(path: Path) -> Path:
 
 @cache
 def _folder() -> Path:
-    """Create the folder of copies; it is removed at the end of the process, even of a worker."""
+    """Create the folder of copies, which is removed at the end of any process, even a worker."""
     folder = Path(tempfile.mkdtemp(prefix='pneunet-unpacked-'))
     util.Finalize(None, shutil.rmtree, args=(folder, True), exitpriority=1)
     return folder
@@ -78,7 +78,7 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
 def _with_log(database: Path, folder: Path) -> Path:
     """Return a database, or a copy of it if its write-ahead log contains messages.
 
-    Even for reading, SQLite writes next to a database with such a log.
+    SQLite writes next to a database with such a log even when only reading.
     """
     log = _log(database)
     if not log.exists() or not log.stat().st_size:
@@ -114,7 +114,7 @@ def _unpack(path: Path, plain: Path) -> None:
 def unpacked_message(raw: bytes) -> bytes:
     """Return a message, unpacked if the recording compresses single messages.
 
-    Raises RecordingError if it is damaged.
+    Raises RecordingError if the message is damaged.
     """
     if not raw.startswith(PACKED_MESSAGE):
         return raw

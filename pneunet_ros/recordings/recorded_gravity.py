@@ -1,4 +1,4 @@
-"""Direction of gravity in a recording, processed as by the estimator."""
+"""Direction of gravity in a recording, processed as in the estimator."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from pneunet_ros.recordings.recording import Recording
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordedGravity:
-    """Gravity in the base frame, in g: stamps (n,) that increase, and x, y (n, 2).
+    """Gravity in the base frame, in g: increasing stamps (n,), and x, y (n, 2).
 
-    reach (s): validity of a reading; sentences: on omitted readings.
+    reach (s): how long a reading is valid; sentences: notes on omitted readings.
     """
 
     stamp_ns: Stamps
@@ -79,8 +79,8 @@ def read_gravity(
 ) -> RecordedGravity | None:
     """Return the recorded direction of gravity; None if that of the model applies.
 
-    gravity: of the model. Raises RecordingError if a recorded direction is required and none is
-    usable.
+    gravity: that of the model. Raises RecordingError if a recorded direction is required but none
+    is usable.
     """
     source = GravitySource(settings=settings, gravity=gravity)
     inputs = {sensor.name: sensor for sensor in gravity_inputs(source)}

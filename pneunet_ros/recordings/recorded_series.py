@@ -83,7 +83,7 @@ def find_series(
 ) -> str | None:
     """Return the topic of a sensor; None if it is optional and missing.
 
-    Raises RecordingError like `Recording.find`; with a remedy if the topic is missing.
+    Raises RecordingError like `Recording.find`, with a remedy if the topic is missing.
     """
     name, override = sensor.name, overrides.get(sensor.name)
     if override is None and not recording.candidates(name, sensor.type):
@@ -121,7 +121,7 @@ def without_topic(recording: Recording, sensor: Input[Any]) -> str:
 def find_recorded(
     recording: Recording, sensors: Iterable[Input[Any]], overrides: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return the topics of those of these sensors that were recorded, full names by names."""
+    """Return the recorded topics of these sensors, full names by names."""
     found = {
         sensor.name: find_series(recording, sensor, overrides, required=False)
         for sensor in sensors
@@ -206,7 +206,7 @@ def _in_order(
 
 
 def nearest(stamp_ns: Stamps, series: ReadingSeries) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """Return the index of the reading nearest to each stamp, and whether they match.
+    """Return the index of the reading nearest to each stamp, and whether the two match.
 
     They match within half the median period of the readings (a single reading: at the same stamp).
     The series must not be empty.

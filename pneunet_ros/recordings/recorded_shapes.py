@@ -26,7 +26,7 @@ PLACES = [0, 1, 6, 7]  # indices of x and y among the 36 covariances of a pose
 
 
 class StampedRows(NamedTuple):
-    """Rows of numbers of a topic: its frame, increasing stamps, and notes."""
+    """Rows of numbers of a topic, with its frame, increasing stamps, and notes."""
 
     frame: str
     stamp_ns: Stamps
@@ -35,7 +35,7 @@ class StampedRows(NamedTuple):
 
 
 def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
-    """Read the shapes of a recording: the estimated ones, or else the measured ones.
+    """Read the shapes of a recording: the estimated ones or, if there are none, the measured ones.
 
     overrides: full topic names by SHAPE_TOPICS; they also choose between estimates and
     measurements if a recording has both. target_arclength (targets,) m: positions of the targets.
@@ -153,7 +153,7 @@ def read_measured(
 
 
 def read_pressures(recording: Recording) -> Pressures | None:
-    """Return the pressures of a recording; None if no topic is unique."""
+    """Return the pressures of a recording; None without a unique topic of pressures."""
     if len(recording.candidates(PRESSURE.name, PRESSURE.type)) != 1:
         return None
     topic = recording.find(PRESSURE.name, PRESSURE.type)
@@ -167,7 +167,7 @@ def read_pressures(recording: Recording) -> Pressures | None:
 def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) -> StampedRows:
     """Return the numbers of every message of a topic, in the order of their header stamps.
 
-    Of messages with equal stamps, the first counts. Raises RecordingError if a message is
+    Of several messages with equal stamps, the first counts. Raises RecordingError if a message is
     unusable.
     """
     stamps: list[int] = []

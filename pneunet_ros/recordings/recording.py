@@ -107,9 +107,9 @@ class Recording:
         """Return the one topic with one of these last names and its type.
 
         types: type by last name; the first one is used by `--topic`. override: its full name, if
-        given, which may then have any of the types. label: description of several candidates, e.g.
-        'with images'; None: by names and types. Raises RecordingError listing the candidates if
-        there are several, or the existing topics if there is none.
+        given; the topic may then have any of the types. label: describes several candidates, e.g.
+        'with images'; None: names and types describe them. Raises RecordingError listing the
+        candidates if there are several, or the existing topics if there is none.
         """
         option = f'--topic {next(iter(types))}='
         names, kinds = ' or '.join(types), ' or '.join(types.values())
@@ -191,8 +191,9 @@ class Recording:
     ) -> Iterator[RecordedMessage]:
         """Yield the decoded messages of these topics, in the order of `raw_messages`.
 
-        of_sensors: decode only the needed fields of sensors, many times faster. Raises
-        RecordingError if a message does not have the type of its topic, or if the type is unknown.
+        of_sensors: whether to decode only the needed fields of sensors, which is many times
+        faster. Raises RecordingError if a message does not have the type of its topic, or if the
+        type is unknown.
         """
         types = {name: self.topic(name) for name in topics}
         stores = {name: store_for(topic.type, topic.definition) for name, topic in types.items()}

@@ -1,7 +1,7 @@
 """Writes messages to a bare .mcap file or to a rosbag2 folder for ROS 2 tools.
 
-It uses profile `ros2`, schemas `ros2msg` and messages `cdr`, like rosbag2. A recording appears
-under its name only when it is complete.
+The files have profile `ros2`, schemas `ros2msg` and messages `cdr`, like those of rosbag2. A
+recording appears under its name only when it is complete.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ PLAYBACK_QOS = {
 
 
 class MessageStorage(McapWriter):
-    """The MCAP file of rosbags, with messages added to their chunk in one piece."""
+    """The MCAP file of rosbags, to whose chunks messages are added in one piece."""
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Write a message, six times as fast as field by field."""
@@ -84,15 +84,15 @@ class RecordingWriter:
     __slots__ = ('_connections', '_path', '_storage')
 
     def __init__(self, path: Path, storage: MessageStorage) -> None:
-        """Write into an open file; `path`: its name given by the user."""
+        """Write into an open file; `path`: its name as the user gave it."""
         self._path, self._storage = path, storage
         self._connections: list[Connection] = []
 
     def add(self, topic: str, type_name: str, definition: str = '') -> Connection:
         """Add a topic, and return the handle for writing to it.
 
-        definition: of a type not in ROS 2 Jazzy, as in a recording. Raises RecordingError if the
-        type is unknown, or if the topic was added before.
+        definition: that of a type not in ROS 2 Jazzy, as in a recording. Raises RecordingError if
+        the type is unknown, or if the topic was added before.
         """
         store = store_for(type_name, definition)
         if any(connection.topic == topic for connection in self._connections):
@@ -228,7 +228,7 @@ def yaml_scalar(value: Any) -> str:
 
 
 def check_name(path: Path) -> None:
-    """Reject the name of another kind of file; a folder may contain a date, e.g. day_25.11."""
+    """Reject the name of another kind of file; the name of a folder may end in a date, 25.11."""
     if path.suffix != BARE_SUFFIX and any(letter.isalpha() for letter in path.suffix):
         raise RecordingError(
             f'{path} cannot be written: a recording is either an {BARE_SUFFIX} file, or a folder '
@@ -244,7 +244,7 @@ def write_recording(
     """Write a recording: a single file if `path` ends in .mcap, or else a rosbag2 folder.
 
     inputs: recordings being read, which must not be overwritten. Raises RecordingError if the path
-    cannot be used or if there is no space; then, and after any exception, nothing remains.
+    cannot be used or if there is no space; after this and any other exception, no file remains.
     """
     path = Path(path)
     check_name(path)

@@ -96,11 +96,11 @@ def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
     """Describe how a video ends too early, '' if it does not.
 
     read: number of readable frames; last: position of the last one, counted at the rate of the
-    file; frames: number stated in the file. An AVI also counts frames omitted by a variable rate,
-    and a Matroska counts none.
+    file; frames: number stated in the file. An AVI also counts frames that a variable rate omits,
+    and a Matroska file counts none.
     """
     if is_matroska(path):
-        return f'the file is cut, {read} frames can be read' if is_cut(path) else ''
+        return f'the file is cut off, {read} frames can be read' if is_cut(path) else ''
     if max(read, last if path.suffix.lower() == '.avi' else 0) < _BROKEN_OFF * frames:
         return f'{read} of {frames} frames can be read'
     return ''

@@ -1,4 +1,4 @@
-"""The contract of figures in reports, and the drawing of their tables.
+"""Interface of figures in reports, and drawing of the figures in a table.
 
 A figure is a function in the package of its report: it takes the data of the report and returns a
 `Picture`, or None if there is nothing to show. `figures.py` of that package lists it under its

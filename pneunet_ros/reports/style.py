@@ -28,7 +28,7 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureColors:
-    """Colors for pressures between low and high (Pa), dark for low ones; readable on white."""
+    """Colors for pressures from low to high (Pa), dark for low ones; readable on white."""
 
     low: float
     high: float
@@ -67,9 +67,9 @@ def panels(
 def small_multiples(
     count: int, most: int, height: float, more: float = 0.0
 ) -> tuple[Figure, list[Axes], int]:
-    """Return a figure, its axes, and how many are beside each other, at most `most`.
+    """Return a figure, its axes, and the number of columns, at most `most`.
 
-    height: that of a row; more: what is needed beyond the rows.
+    height: that of a row; more: further height that is needed.
     """
     columns = min(most, count)
     rows = -(-count // columns)

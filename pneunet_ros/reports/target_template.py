@@ -24,7 +24,7 @@ LABEL, CHARACTER = 5.0, 1.05  # points, and about the width of a character of it
 STRIPS = (
     ('black dots, for a pale arm', 'white', 'black', True),
     ('white dots, for a dark arm', 'black', 'white', True),
-    ('outlines, to punch out and paint through', 'white', 'none', False),
+    ('outlines, to be punched out and painted through', 'white', 'none', False),
 )
 
 
@@ -107,8 +107,8 @@ def _label_strip(
 ) -> None:
     """Label a strip, which will be cut out, with the arm and its clamp end.
 
-    Next to the dots: clamp, arm and free end on the left, dots on the right. Text too long for the
-    strip is cut.
+    Next to the dots: clamp, arm and free end on the left, dots on the right. Text that is too long
+    for the strip is cut off.
     """
     room = int(size[1] / CHARACTER) - 2
     ends = 'CLAMP', 'FREE END'
@@ -141,7 +141,7 @@ def _draw_dot(
 
 
 def _draw_places(axes: Axes, left: float, start: float, shown: Array) -> None:
-    """Write the position of every target (mm from the clamp) and its number."""
+    """Write position (mm from the clamp) and number next to every target."""
     for number, place in enumerate(shown.tolist()):
         at = start + place - shown[0]
         axes.plot([left - 2.0, left], [at, at], color='0.4', linewidth=0.3)
@@ -149,7 +149,7 @@ def _draw_places(axes: Axes, left: float, start: float, shown: Array) -> None:
 
 
 def _draw_ruler(axes: Axes, x: float, start: float) -> None:
-    """Draw a scale with a line each millimeter."""
+    """Draw a scale with a line every millimeter."""
     axes.plot([x, x], [start, start + RULER], color='black', linewidth=0.4)
     for tick in range(int(RULER) + 1):
         size = 5.0 if tick % 10 == 0 else 3.5 if tick % 5 == 0 else 2.0

@@ -103,7 +103,7 @@ def equations(panels: Array, ends: Array, nodes: Array) -> tuple[Array, Array]:
 def newton(
     panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
-    """Newton's method in place, as `collocation.newton`: residual (rad) and number of steps."""
+    """Run Newton's method in place, as `collocation.newton`: residual (rad), number of steps."""
     flexibility = np.abs(panels[:, col.PANEL_FLEXIBILITY]).max()
     in_radians = np.ones(col.NODE_WIDTH * len(panels) + 2)
     in_radians[col.NODE_WIDTH :: col.NODE_WIDTH] = panels[:, col.PANEL_LENGTH].sum() * flexibility

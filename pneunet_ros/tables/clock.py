@@ -60,7 +60,7 @@ class Clock:
         lines = ', '.join(str(line) for line in self._midnights[:_LINES_SHOWN])
         return (
             Note(
-                f'{path}: the time of day passes midnight in line {lines}: a day was added',
+                f'{path}: the time of day passes midnight in line {lines}: one day was added',
                 reason='midnight',
             ),
         )

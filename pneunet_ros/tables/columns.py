@@ -165,12 +165,12 @@ def _is_known(plain: str) -> bool:
 
 
 def names_no_unit(name: str) -> bool:
-    """Whether a name means a time without a unit: 'Time'."""
+    """Whether a name stands for a time without a unit: 'Time'."""
     return _plain(name) == TIME
 
 
 def names_absolute(name: str) -> bool:
-    """Whether a name means an absolute pressure: 'psia', 'P abs [kPa]'."""
+    """Whether a name stands for an absolute pressure: 'psia', 'P abs [kPa]'."""
     return _without_reference(_words(name))[1] in _ABSOLUTE
 
 
@@ -183,7 +183,7 @@ def _words(name: str) -> list[str]:
 
 
 def _without_reference(words: list[str]) -> tuple[list[str], str]:
-    """Split the words for a pressure into those without the reference, and the reference or ''."""
+    """Separate the words for a pressure from those for its reference, '' if there are none."""
     *head, last = words
     units = SI_PER_UNIT['pressure']
     if last not in units and last[:-1] in units and last[-1] in 'ag':
@@ -267,9 +267,9 @@ def likely_name(name: str) -> str:
 
 
 def is_raw(name: str) -> bool:
-    """Whether a name means volts or counts of a sensor: 'pressure_V', 'ADC', 'raw'.
+    """Whether a name stands for volts or counts of a sensor: 'pressure_V', 'ADC', 'raw'.
 
-    Volts and counts of other things, e.g. 'battery_V' or 'frame_count', are not meant.
+    Volts and counts of other things, e.g. 'battery_V' or 'frame_count', are excluded.
     """
     *before, last = _words(name)
     return last in _RAW and (not before or not _OF_SENSOR.isdisjoint([*before, last]))
@@ -288,7 +288,7 @@ def known_names() -> str:
 def columns_of(names: Iterable[str], where: str) -> list[Column]:
     """Parse the names of columns; raises RecordingError if they are inconsistent.
 
-    These are: unknown names (all are listed), a repeated quantity, a target with only one
+    Inconsistent are unknown names (all are listed), a repeated quantity, a target with only one
     coordinate, an angle without its string, and end forces given both as components and by
     strings.
     """

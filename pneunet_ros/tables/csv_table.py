@@ -85,7 +85,7 @@ def read_csv(
 ) -> CsvTable:
     """Return the columns of a file by their new names; RecordingError names the place.
 
-    exact: names of columns to be read without rounding as well. check_names: called with the new
+    exact: names of columns to be read also without rounding. check_names: called with the new
     names before any row is read, and may raise.
     """
     try:
@@ -272,8 +272,8 @@ def _rows(
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield rows of this many cells with their line numbers; skips empty lines.
 
-    above: number of lines of the file above these. cut: whether the file ends without a newline.
-    left_out: notes on comments and on an incomplete last row are appended.
+    above: number of lines of the file above these lines. cut: whether the file ends without a
+    newline. left_out: notes on comments and on an incomplete last row are appended.
     """
     comments: list[int] = []
     for cells in reader:

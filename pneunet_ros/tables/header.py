@@ -41,8 +41,8 @@ _QUOTED = re.compile(r'"[^"]*"')
 class TableRequest:
     """Options for reading a table.
 
-    select: keep only rows with these texts in these columns (names as in the file). rename: new
-    name by the one in the file. ignore: columns (by either name) to leave out.
+    select: only rows with these texts in these columns are read (names as in the file). rename:
+    new name by the name in the file. ignore: columns (by either name) to leave out.
     """
 
     select: Mapping[str, str] = field(default_factory=dict)
@@ -55,8 +55,8 @@ def lines_from_names(
 ) -> tuple[Iterator[str], int]:
     """Return the lines starting with the column names, and the number of lines above.
 
-    Lines that begin with # are comments. Where a row of the table follows them, one of them names
-    the columns, and the next one may hold their units.
+    Lines that begin with # are comments. If a row of the table follows them, one of them names the
+    columns, and the next one may contain their units.
     """
     above, first = 0, next(lines, '')
     comments: deque[str] = deque(maxlen=LONGEST_PREAMBLE)
@@ -114,7 +114,7 @@ def _is_number(cell: str) -> bool:
 def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
     """Return the units of all columns from the line below the names; empty if it has none.
 
-    Such a line has a unit in one of the columns to be read, and no digits in the others.
+    Such a line has a unit in at least one of the columns to be read, and no digits in the others.
     """
     left_out = {'', *request.ignore, *request.select}
     units = [cell.strip() for cell in cells]
@@ -133,7 +133,7 @@ def renamed_columns(
 ) -> list[str]:
     """Return the column names after renaming, with the units from the row below the header.
 
-    A unit in a new name takes precedence over the one below.
+    A unit in a new name takes precedence over the unit below it.
     """
     names = [request.rename.get(name, name) for name in header]
     if not units:
@@ -148,7 +148,7 @@ def renamed_columns(
 def check_no_preamble(path: Path, names: int, preamble: Sequence[str], above: int) -> None:
     """Reject a table with text above it; names: number of cells in the supposed header line.
 
-    preamble: the lines below that one, which is the `above`th of the file.
+    preamble: the lines below the header, which is line `above` of the file.
     """
     lines = [_cells(line, delimiter(line)) for line in preamble]
     row = next((place for place, cells in enumerate(lines) if _is_row(cells)), None)
@@ -191,11 +191,11 @@ def check_separated(path: Path, header: Sequence[str]) -> None:
 def with_clock(
     names: Sequence[str], left_out: Collection[int], preamble: Sequence[str], mark: str
 ) -> list[str]:
-    """Return the column names with the time column named, if just one has dates or times.
+    """Return the column names with the time column named, if exactly one has dates or times.
 
     Such a column is unambiguous, whatever its name. left_out: indices of columns that are not
     read; preamble: the lines below the names. A date that is the same in all rows is not a time.
-    Nothing changes if a column is already known as the time.
+    The names are unchanged if a column is already known as the time.
     """
     if any(_is_time_column(name) for name in names):
         return list(names)
@@ -221,7 +221,7 @@ def _is_time_column(name: str) -> bool:
 def ask_about_time(
     path: Path, places: Mapping[str, int], preamble: Sequence[str], mark: str
 ) -> None:
-    """Ask which column is the time if none is named so and one increases from row to row.
+    """Ask which column is the time if none has such a name but one increases from row to row.
 
     places: column indices by name; preamble: the lines below the names.
     """
@@ -243,15 +243,15 @@ def ask_about_time(
             known = likely if column_of(likely) else _since_1970(numbers[0])
             new = known or f'{TIME}_UNIT, replacing UNIT with {units}'
             raise RecordingError(
-                f'{path}: no column is known as the time. {name!r} increases from row to row, by '
-                f'{steps[len(steps) // 2]:.4g}: if it is the time, add --rename '
+                f'{path}: no column has the name of a time. {name!r} increases from row to row, '
+                f'by {steps[len(steps) // 2]:.4g}: if it is the time, add --rename '
                 f'{shlex.quote(name)}={new}',
                 reason='no_time',
             )
 
 
 def _since_1970(time: float) -> str:
-    """Return the name of a column of Unix times, its unit inferred from the values; else ''."""
+    """Return the name of a column of Unix times, with the unit of its values; else ''."""
     for name, per_second in (('time_s', 1.0), ('time_ms', 1e3), ('time_us', 1e6), (STAMP, 1e9)):
         if UNIX_SECONDS[0] <= time / per_second < UNIX_SECONDS[1]:
             return name

@@ -25,7 +25,7 @@ class Place:
     """Columns that form one reading: a target, the tip, or a single column.
 
     deciding: the columns whose values decide; names: all columns, which then become empty. zero:
-    whether 0 can stand for "no reading"; it may also be a sensor at rest, or the clamp.
+    whether 0 can stand for "no reading"; 0 may also be a sensor at rest, or the clamp.
     """
 
     label: str

@@ -62,10 +62,10 @@ class ImportRequest(TableRequest):
 def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[str, ...]]:
     """Return the readings in a table, and notes on ignored columns.
 
-    A cell that is empty or NaN is not a reading, or a target that was not seen; a row without any
-    target is not a frame. Two string forces become F1, F2 as in the paper:
-    string A pulls along x, B along y, each turned counter-clockwise by its angle, 0 if not given.
-    Raises RecordingError, or RequestError for offsets and rates that do not fit, naming the place.
+    A cell that is empty or NaN means no reading, or a target that was not seen; a row without any
+    target is not a frame. Two string forces become F1, F2 as in the paper: string A pulls along x,
+    B along y, each rotated counter-clockwise by its angle, 0 if not given. Raises RecordingError,
+    which names the place, or RequestError for offsets and rates that do not fit.
     """
     if request.rate is not None and not 1e-6 <= request.rate <= 1e6:
         raise RequestError(
@@ -110,7 +110,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
 
     def si(quantity: str, target: int | None = None) -> Array:
-        """Column in SI; NaN throughout if it is missing."""
+        """Return a column in SI; NaN throughout if the column is missing."""
         column = columns.get((quantity, target))
         if column is None:
             return np.full(len(stamp_ns), np.nan)
@@ -148,7 +148,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         along_axes = dict(zip(IN_BASE, string_force(*strings), strict=True))
 
     def values_of(sensor: Sensor[Any]) -> Array:
-        """Rows of a sensor: a component without a column is 0, and without any there is none.
+        """Return the rows of a sensor; a component without a column is 0, None without any column.
 
         If components of the sensor may be unknown, a missing one is NaN.
         """
@@ -182,7 +182,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
 
 
 def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
-    """Report targets at exactly the same position, a sign of undetected targets in trackers.
+    """Report targets at exactly the same position, a sign of targets that were not detected.
 
     targets: (rows, 2, targets) m.
     """
@@ -230,8 +230,8 @@ def string_force(
 ) -> tuple[Array, Array]:
     """Return F1, F2 (N) of two strings that pull at the free end.
 
-    String A pulls along x, string B along y where their angles are 0; angles (rad) turn them
-    counter-clockwise about z from there, as the paper's strings turn when the end moves.
+    At angle 0, string A pulls along x and string B along y; angles (rad) rotate them from there,
+    counter-clockwise about z, as the paper's strings rotate when the end moves.
     """
     a, b = np.asarray(force_a), np.asarray(force_b)
     return (a * np.cos(angle_a) - b * np.sin(angle_b), a * np.sin(angle_a) + b * np.cos(angle_b))
@@ -243,7 +243,7 @@ def _readings(names: Iterable[str]) -> list[str]:
 
 
 def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportRequest) -> Stamps:
-    """Return the stamps of the rows, given or computed from time or rate, at least 1 s."""
+    """Return the stamps of the rows, read or computed from time or rate, at least 1 s."""
     rows = len(table.lines)
     given: list[Decimal | None]
     offset = Decimal(0)
@@ -308,7 +308,7 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
 
 
 def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
-    """Reject a time without a unit in its name whose values are not plausible as seconds."""
+    """Reject a time whose name has no unit and whose values are implausible as seconds."""
     written = table.written[time.name]
     if table.clock or not names_no_unit(written):
         return
@@ -329,7 +329,7 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
 
 
 def _spreadsheet_epoch(table: CsvTable, time: Column) -> int:
-    """Return the epoch (days) to subtract: that of spreadsheets if the numbers are so large."""
+    """Return the epoch (days) to subtract: that of spreadsheets if the values are large enough."""
     first = next((value for value in table.exact[time.name] if value is not None), Decimal(0))
     days = time.si_per_unit == SI_PER_UNIT['time']['d']
     return SPREADSHEET_EPOCH if days and first >= SPREADSHEET_EPOCH else 0

@@ -1,4 +1,4 @@
-"""Files of numbers: columns as CSV or NumPy arrays, and target areas as the paper exports them."""
+"""Files of numbers: columns as CSV or NumPy arrays; target areas in the format of the paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figure 9 (c) of the paper: end forces estimated from targets against readings."""
+"""Figure 9 (c) of the paper: end forces estimated from targets versus readings."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def end_forces(data: FigureData) -> Picture | None:
         'where the arm is nearly straight, because one point hardly determines the pull (some '
         'bars are cut off). Errors from the tip alone are correlated, because all depend on the '
         'position of that one target. If errors from all targets exceed the bars and keep their '
-        'sign over a range of pressure, the model lacks an effect.',
+        'sign over a range of pressure, an effect is missing in the model.',
         figure,
         number='9 (c)',
     )
@@ -109,7 +109,7 @@ def draw_way(
     name: str,
     color: str,
 ) -> None:
-    """Draw estimated against measured forces, and their errors over pressure."""
+    """Draw estimated versus measured forces, and their errors over pressure."""
     sigma = way.sigma[:, component]
     value = way.force[:, component]
     x = MILLI * found.read[:, component], kilopascals(1.0) * found.pressure

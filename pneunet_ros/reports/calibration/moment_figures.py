@@ -1,4 +1,4 @@
-"""Figures 7 and 8 of the paper: the moment along the arm and against kappa - kappa0."""
+"""Figures 7 and 8 of the paper: the moment along the arm and versus kappa - kappa0."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RIGIDITY_ERROR = 0.3
 
 
 def moments(data: FigureData) -> Picture | None:
-    """Figure 7: M_est along the arm and against kappa - kappa0, per load."""
+    """Figure 7: M_est along the arm and versus kappa - kappa0, for each load."""
     if not data.main_views:
         return None
     figure, (along, against) = panels(2)
@@ -148,8 +148,8 @@ def one_moment(data: FigureData) -> Picture | None:
         'The moment law at one pressure (Eq 10)',
         f'Recording {view.steady_state.run}. {line_sentence(view, data)} Points scatter about '
         'the lines of the fitted law by their bars. The dashed lines follow the paper: straight '
-        'lines through measured points, each with its own intercept. They are only for viewing: '
-        'M_O cannot be distinguished from kappa0, and smoothing rounds off the step at l1.',
+        'lines through measured points, each with its own intercept. They are for illustration '
+        'only: M_O cannot be distinguished from kappa0, and smoothing rounds off the step at l1.',
         figure,
         number='8 (a)',
     )

@@ -61,16 +61,16 @@ def draw_residuals_by_frame(data: FigureData) -> Picture:
         'Residuals over frames',
         'Root mean square residual of every frame, relative to the expectation from noise, '
         'placement, camera and readings (dots; line: running mean). It should scatter about 1 '
-        'without a trend. A hump means that the model lacks an effect, a constant level other '
-        'than 1 that the stated noise is wrong, and one recording above the others that it is '
-        'odd or was given the wrong role. Over all frames chi squared per coordinate is '
-        f'{fit.chi_squared / fit.dof:.3f}.',
+        'without a trend. A hump means that an effect is missing in the model, a constant level '
+        'other than 1 that the stated noise is wrong, and one recording above the others that '
+        'this recording is unusual or has the wrong role. Over all frames chi squared per '
+        f'coordinate is {fit.chi_squared / fit.dof:.3f}.',
         figure,
     )
 
 
 def whitened_size(item: FittedRun) -> Array:
-    """Return the rms whitened residual of every frame that has one; 1 is expected."""
+    """Return the rms whitened residual of every frame with a residual; 1 is expected."""
     solved = item.solved & (item.dof > 0)
     return np.asarray(np.sqrt(item.whitened[solved] / item.dof[solved]))
 
@@ -163,8 +163,8 @@ def law_comparison(data: FigureData) -> Picture | None:
     return Picture(
         '14_laws',
         'Moment laws on recordings left out',
-        'Each law was fitted without one loaded recording and then predicted that recording: rms '
-        f'per coordinate, registration removed. {best_sentence(laws)}',
+        'Each law was fitted without one loaded recording and then predicted that recording: '
+        f'rms per coordinate, without the registration error. {best_sentence(laws)}',
         figure,
     )
 
@@ -174,6 +174,6 @@ def best_sentence(laws: tuple[LawScore, ...]) -> str:
     ranked = sorted(laws, key=lambda item: item.rms)
     first, second = ranked[0], ranked[1] if len(ranked) > 1 else ranked[0]
     return (
-        f'Smaller is better: {first.kind} is best, the next one ({second.kind}) is '
-        f'{second.rms / first.rms:.2f} times as far off.'
+        f'Smaller is better: {first.kind} is best, the error of the next one ({second.kind}) is '
+        f'{second.rms / first.rms:.2f} times as large.'
     )

@@ -58,10 +58,10 @@ def free_shapes(data: FigureData) -> Picture:
         '05_unloaded',
         'Unloaded arm: shapes and intrinsic curvature',
         'Dots are measured: mean target positions over intervals of constant pressure, and the '
-        'curvature of a smooth curve through them. Lines are the fitted model. They should pass '
-        'through the dots in (a); in (b) they need not, because the model is fitted to the '
-        'points of (a), and the dots of (b) are smoothed and uncertain near both ends. A wide '
-        'band shows where the recordings do not determine kappa_p0.',
+        'curvature of a smooth curve through them. Lines are the fitted model. Lines should '
+        'pass through the dots in (a), but not necessarily in (b), because the model is fitted '
+        'to the points of (a), and the dots of (b) are smoothed and uncertain near both ends. A '
+        'wide band shows where the recordings do not determine kappa_p0.',
         figure,
         number='5',
     )

@@ -25,7 +25,7 @@ DIGITS = 4
 class Row:
     """A parameter of the model: meaning, dotted name, value, errors before and after.
 
-    unit_stiffness: EI (N m^2) for a value of 1 if the number is an alpha; otherwise 0.
+    unit_stiffness: EI (N m^2) for a value of 1 if the number is an alpha, else 0.
     """
 
     meaning: str

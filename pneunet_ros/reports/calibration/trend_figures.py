@@ -50,7 +50,7 @@ def sensitivity(data: FigureData) -> Picture | None:
         as_shapes(shapes[place], f'({"abc"[place]}) {variation.name}')
         legend(shapes[place], loc='best')
         displacements[place].set(
-            title=f'free end moves {travel(variation)} in all',
+            title=f'free end moves {travel(variation)} in total',
             xlabel='arclength $s / l$',
             ylabel='distance from the fitted (mm)',
             xlim=(0.0, 1.0),
@@ -60,9 +60,9 @@ def sensitivity(data: FigureData) -> Picture | None:
         '10_sensitivity',
         'Sensitivity of the shape',
         f'Predicted shapes at {load_label(steady_state)}, with one quantity changed at a time; '
-        'dots are measured. Below, on one scale: how far each point of the arm moves away from '
-        'the fitted model. The larger this is, the better such recordings determine that '
-        'quantity, and the more an error in it matters.',
+        'dots are measured. Below, with a common scale: distance of each point of the arm from '
+        'the fitted model. The larger it is, the better such recordings determine that '
+        'quantity, and the more an error in that quantity matters.',
         figure,
         number='10',
     )
@@ -91,7 +91,7 @@ def draw_variation(
 def travel(variation: Variation) -> str:
     """Describe the travel of the free end."""
     if not np.isfinite(variation.travel):
-        return 'with no equilibrium somewhere'
+        return 'no equilibrium for some values'
     return f'{millimeters(variation.travel):.1f} mm'
 
 
@@ -127,7 +127,8 @@ def linearity(data: FigureData) -> Picture | None:
     if loaded:
         caption += (
             f' kappa - kappa0 ({run_label(data)}): {verdict(loaded, data.settings)} The load '
-            'changes with pressure as in the recording, so this need not be straight.'
+            'changes with pressure as in the recording, so these points need not lie on a '
+            'straight line.'
         )
     return Picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
 

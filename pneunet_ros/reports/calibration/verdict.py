@@ -1,4 +1,4 @@
-"""The verdict of a calibration in three sentences: fit, certainty, next step."""
+"""The verdict of a calibration in three sentences: fit, accuracy, next step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SECTIONS = ('near the clamp', 'beyond l1')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Files:
-    """Files of a calibration for the next command: its model, and the given arm."""
+    """Files of a calibration for the next command: the model, and the given arm file."""
 
     model: str = 'MODEL.yaml'
     arm: str = 'ARM.yaml'
@@ -37,8 +37,8 @@ UNKNOWN_FILES = Files()
 class Verdict:
     """Quality of the fit, accuracy of its parameters, and the next step.
 
-    fits: False if there is no model, or if it lacks an effect. command: for the next step, with
-    placeholders in capitals.
+    fits: False if there is no model, or if an effect is missing in it. command: that of the next
+    step, with placeholders in capitals.
     """
 
     fits: bool
@@ -81,7 +81,7 @@ def verdict_of(
 
 
 def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
-    """Whether the residuals exceed the noise, or are correlated along the arm."""
+    """Whether the residuals exceed the noise or are correlated along the arm."""
     return noise_ratio(calibration.joint) > settings.as_noise or varies(calibration)
 
 
@@ -118,8 +118,8 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
             return Note(f'The model fits: {size}, as good as the noise.', reason='fits')
         return Note(
             f'Not sure: {size}. The residuals of loaded recordings are {larger:.2g} times those '
-            'of unloaded ones. Noise of force and pressure would explain this for such a soft '
-            'arm, but the stiffness may also be far too small, or its law wrong.',
+            'of unloaded ones. Noise of force and pressure could explain this for such a soft '
+            'arm, but the stiffness may also be far too small, or its law may be wrong.',
             reason='unsure',
         )
     return Note(
@@ -157,7 +157,7 @@ def varies(calibration: Calibration) -> bool:
 
 
 def larger_under_load(fit: Fit) -> float:
-    """Return the residual rms of loaded recordings over that of unloaded ones; 0 if unknown."""
+    """Return the residual rms of loaded over that of unloaded recordings; 0 if unknown."""
     squares: dict[bool, list[float]] = {True: [], False: []}
     for item in fit.runs:
         values = item.residual[item.solved]
@@ -224,8 +224,8 @@ def next_steps(
     model, arm = shlex.quote(files.model), shlex.quote(files.arm)
     if not joint.converged:
         force = (
-            ' and whether the force is the one on the arm, in the base frame (--wrench-sign, '
-            '--wrench-yaw)'
+            ' and whether the readings are the force on the arm, in the base frame '
+            '(--wrench-sign, --wrench-yaw)'
         )
         return (
             'Check these recordings for gaps, and whether readings and frames share a '

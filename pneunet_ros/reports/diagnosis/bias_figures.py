@@ -53,9 +53,10 @@ def biased_parameters(data: FigureData) -> Picture | None:
     return Picture(
         '08_biased_parameters',
         'Intrinsic curvature and rigidity, before and after',
-        'Parameters of the model fitted without and with the missing effect. Without it, '
-        'calibration distorts the other parameters until the model fits: curves that differ by '
-        'more than their bands were biased by the missing effect, curves that agree were not.',
+        'Parameters of the model fitted without and with the missing effect. Without the '
+        'effect, calibration distorts the other parameters until the model fits: curves that '
+        'differ by more than their bands were biased by the missing effect, curves that agree '
+        'were not.',
         figure,
     )
 

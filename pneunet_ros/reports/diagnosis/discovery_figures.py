@@ -22,7 +22,7 @@ MOST_SERIES = 6  # recordings whose amplitude is shown
 
 
 def causes(data: FigureData) -> Picture | None:
-    """Draw the share explained by each kind of cause, over its position on the arm."""
+    """Draw the share that each kind of cause explains, over its position on the arm."""
     found = data.discovery.causes
     if found is None:
         return None
@@ -40,15 +40,15 @@ def causes(data: FigureData) -> Picture | None:
     axes.set_yticks(np.arange(len(found.kinds)) + 0.5, names)
     axes.invert_yaxis()
     axes.grid(visible=False)
-    axes.set(xlabel='where it acts, s / l (all along: of the whole arm, or of the picture)')
+    axes.set(xlabel='place where it acts, s / l (all along: of the whole arm, or of the image)')
     figure.colorbar(mesh, ax=axes, label='explains (%)', fraction=0.03, pad=0.01)
     return Picture(
         '10_causes',
         'Which kind of cause, and where',
         'Share of the remaining misfit that each kind of cause explains at each place of the '
         'arm, with the best law for its amplitude; kinds without a place are equally dark '
-        'everywhere. This is a map of causes, not of motion: when the arm is touched, all of it '
-        'beyond that place moves, but only a push at that place explains the motion.',
+        'everywhere. This is a map of causes, not of motion: when the arm is touched, the whole '
+        'arm beyond that place moves, but only a push at that place explains the motion.',
         figure,
     )
 

@@ -81,7 +81,7 @@ def magnification(frames: Sequence[tuple[RecordingErrors, int]], length: float) 
 
 
 def along_arm(errors: Sequence[Array]) -> Array:
-    """Return the rms (mm) per coordinate of each target over all frames, NaN where never known."""
+    """Return the rms (mm) per coordinate of each target over all frames, NaN where never seen."""
     values = np.concatenate(errors).swapaxes(0, 2).reshape(errors[0].shape[2], -1)
     count = np.isfinite(values).sum(axis=1)
     total = np.nansum(values**2, axis=1)
@@ -198,7 +198,8 @@ def draw_pairs(
 def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors, int]]:
     """Return the frames with the largest misfit before, the worst of every recording first.
 
-    Further ones, in turn, are the worst at least a quarter of their recording away from these.
+    Further frames are, in turn, the worst ones that are at least a quarter of the recording away
+    from those.
     """
     sizes = [item.misfit.copy() for item in items]
     frames: list[tuple[RecordingErrors, int]] = []

@@ -38,7 +38,7 @@ class RecordingErrors:
 
     @property
     def misfit(self) -> Array:
-        """Rms error over that of noise in every frame before the effect; 0 if unknown."""
+        """Rms error before the effect over that of noise, in every frame; 0 if unknown."""
         known = np.isfinite(self.before) & np.isfinite(self.noise)
         error, noise = (
             np.sqrt(np.sum(np.where(known, values, 0.0) ** 2, axis=(1, 2)))

@@ -1,4 +1,4 @@
-"""The table of figures of a diagnosis: each is a function in this package and a line here."""
+"""The table of figures of a diagnosis: a figure is a function in this package and a line here."""
 
 from __future__ import annotations
 

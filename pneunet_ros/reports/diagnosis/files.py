@@ -59,9 +59,9 @@ def write_diagnosis(
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
     frame: the given model; training, held_out: the runs as given to the diagnosis; provenance:
-    `inputs` (file, sha256 and role of each) and `versions`; discovery: laws outside the library;
-    given: notes and names for the page. The folder must not exist; `files.atomic.atomic_output`
-    writes it atomically.
+    `inputs` (file, sha256 and role of each) and `versions`; discovery: discovered laws outside the
+    library; given: notes and names for the page. The folder must not exist;
+    `files.atomic.atomic_output` writes it atomically.
     """
     folder.mkdir()
     origin = {**provenance, 'seed': diagnosis.seed}

@@ -71,7 +71,7 @@ def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]
 def error_sentence(diagnosis: Diagnosis) -> str:
     """Describe the change of the model error on held-out (or training) recordings.
 
-    Chi squared comes first if rms cannot show the change because reading noise hides it.
+    Chi squared comes first if reading noise hides the change in the rms.
     """
     before, after = diagnosis.before, diagnosis.after
     first, last, kind = before.training, after.training, 'training'
@@ -93,7 +93,7 @@ def error_sentence(diagnosis: Diagnosis) -> str:
 
 
 def rms_shows(diagnosis: Diagnosis, before: Misfit, after: Misfit) -> bool:
-    """Whether the rms shows the missing effect: it fell, or exceeds the noise floor."""
+    """Whether the rms shows the missing effect: the rms fell, or exceeds the noise floor."""
     if before.rms == after.rms:
         return before.rms > diagnosis.noise_floor + diagnosis.noise_floor_std
     return before.rms - after.rms > diagnosis.noise_floor_std

@@ -110,9 +110,9 @@ def shares(data: FigureData) -> Picture | None:
         'Which share of the misfit lies where',
         'Misfit of the previous model, split along each axis. Blue bars exceed noise (p-value '
         f'below {p_value:g}), grey bars do not. Dashed outlines: the share of all observations '
-        'that lies there; if bars and outlines agree, the misfit is even. The axis on which they '
-        'differ points to the cause: force to the load-bearing properties, direction or time to '
-        'an effect with memory, pressure alone to the inflation.',
+        'that lies there; if bars and outlines agree, the misfit is uniform. The axis on which '
+        'they differ indicates the cause: force the load-bearing properties, direction or time '
+        'an effect with memory, pressure alone the inflation.',
         figure,
     )
 

@@ -83,8 +83,8 @@ def loops(data: FigureData) -> Picture | None:
         'frames of all training recordings. Above: moment from measured shape and end force, '
         'against measured curvature minus that of the unloaded arm; rising and falling pressure '
         'should lie on one band. Below: curvature that the model does not predict. If red and '
-        'blue separate into a loop, the past matters (hysteresis, lag, creep); a common trend '
-        'points to another cause; if nothing is missing, all points scatter about zero.',
+        'blue separate into a loop, the history matters (hysteresis, lag, creep); a common '
+        'trend indicates another cause; if no effect is missing, all points scatter about zero.',
         figure,
     )
 

@@ -42,7 +42,7 @@ SIMILAR_COSINE = 0.5  # from it a table lists two effects as similar
 class Given:
     """Command-line arguments that the page repeats; unknown ones are placeholders (MODEL.yaml).
 
-    notes: on the recordings; model: file of the diagnosed model; recordings: files of all
+    notes on the recordings; model: file of the diagnosed model; recordings: files of all
     recordings; folder: output folder of the page and its files.
     """
 
@@ -143,7 +143,7 @@ def next_steps(
         step = 'Test the model of this folder on a recording that it has not seen.'
         model = shlex.quote(f'{given.folder}/model.yaml')
         return step, f'pneunet replay FRESH.mcap --model {model}'
-    step = diagnosis.proposal or 'Record more, and ask again.'
+    step = diagnosis.proposal or 'Make more recordings, and diagnose again.'
     if diagnosis.answer == 'unobservable' and not diagnosis.proposal:
         step = 'Paint more targets along the arm, and record again.'
     model = shlex.quote(given.model)

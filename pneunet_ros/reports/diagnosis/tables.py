@@ -19,7 +19,7 @@ ANSWERS = {
     'named': 'named: it explains the misfit, and no test contradicts it',
     'inseparable': 'inseparable: several effects cannot be distinguished with these data',
     'unknown': 'unknown: an effect is missing, and none of the library can be named',
-    'unobservable': 'unobservable: these recordings cannot show whether an effect is there',
+    'unobservable': 'unobservable: these recordings cannot show whether an effect is missing',
 }
 WITHIN_LAW = 'no, but within the error of its law'
 LEAST_P_VALUE = 1e-6  # a smaller one is only called smaller
@@ -99,7 +99,7 @@ def effect_table(diagnosis: Diagnosis) -> Table:
 
 
 def rank_evidence(diagnosis: Diagnosis) -> list[Evidence]:
-    """Return trials by strength, followed by effects that were not fitted, by score."""
+    """Rank trials by evidence, followed by the effects that were not fitted, by score."""
     fitted = [item for item in diagnosis.evidence if not math.isnan(item.evidence)]
     rest = [item for item in diagnosis.evidence if math.isnan(item.evidence)]
     return [
@@ -139,7 +139,7 @@ def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
 def adequacy_table(diagnosis: Diagnosis) -> Table:
     """Return whether the residuals are consistent with noise, before and after.
 
-    It has the worst test before, the same test after, and the worst test after.
+    The rows are the worst test before, the same test after, and the worst test after.
     """
     before, same = diagnosis.adequacy_before, diagnosis.adequacy_same
     tests = {'before': before}
@@ -280,5 +280,5 @@ def unit_text(unit: str) -> str:
 
 
 def round_value(value: float) -> str:
-    """Write a number with its significant digits."""
+    """Round a number to its significant digits, as text."""
     return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'

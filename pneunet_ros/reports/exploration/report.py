@@ -39,8 +39,8 @@ def last_sentence(rounds: Sequence[Round]) -> str:
     if rounds[-1].investigation.diagnosis.answer == 'none' and rounds[-1].undetectable:
         unseen = ', '.join(rounds[-1].undetectable)
         return (
-            f'{sentence} But some effects of usual size could not have been seen in these '
-            f'recordings, so any of them may be missing: {unseen}.'
+            f'{sentence} However, these recordings cannot show some effects of usual size, so '
+            f'any of these may be missing: {unseen}.'
         )
     if not named_effects(rounds[-1].investigation):
         return sentence
@@ -106,7 +106,7 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
     )[:SHOWN]
     for name, color in zip(names, COLORS, strict=False):
         values = [item.rivals.get(name, np.nan) for item in rounds]
-        label = 'nothing more is missing' if name == NOTHING else name
+        label = 'nothing else is missing' if name == NOTHING else name
         chance.plot(number, values, 'o-', color=color, label=label)
     chance.set(title='(b) remaining possibilities', xlabel='recording', ylabel='probability')
     chance.set_ylim(-0.03, 1.03)
@@ -116,9 +116,9 @@ def gap_picture(rounds: Sequence[Round]) -> Picture:
     return Picture(
         'gap',
         'Model error after each recording',
-        '(a) Red: the best fit of the given model; blue: with the effect named so far; diamonds: '
-        'the newest recording, predicted by the model of the round before. (b) Probability that '
-        'another effect is missing, or that nothing is.',
+        '(a) Red: the best fit of the given model; blue: with the effect named so far; '
+        'diamonds: the newest recording, predicted by the model of the previous round. (b) '
+        'Probability that another effect is missing, or that none is.',
         figure,
     )
 

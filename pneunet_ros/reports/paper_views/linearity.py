@@ -45,7 +45,7 @@ class Linearity:
 
 
 def straight(place: float, pressure: Array, value: Array, covariance: Array) -> Linearity | None:
-    """Fit a straight line to values with a covariance; None for too few or one pressure only."""
+    """Fit a straight line to values with a covariance; None for few values or one pressure."""
     if pressure.size < FEWEST or np.ptp(pressure) == 0.0:
         return None
     regular = covariance + NUGGET * np.max(np.diag(covariance)) * np.eye(pressure.size)

@@ -1,9 +1,9 @@
 """The paper's analysis: Eqs 9 and 10 from measured shapes, and the fitted law.
 
 M_est(s) comes from measured targets and the load, kappa from the smoothed targets, and straight
-lines through M_est over kappa - kappa0 give alpha1,2 and the intercepts M_O1,2. These are only for
-viewing: differentiated curvature is correlated and smooth over l1, and M_O cannot be distinguished
-from kappa0 (METHODS). The numbers in the model file are fitted to the targets themselves.
+lines through M_est over kappa - kappa0 give alpha1,2 and the intercepts M_O1,2. These are for
+illustration only: differentiated curvature is correlated and smooth over l1, and M_O cannot be
+distinguished from kappa0. The numbers in the model file are fitted to the targets themselves.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class Line:
 class MomentView:
     """Eq 9 for one steady state, along stations (m) between its first and last seen target.
 
-    moment: M_est (N m); curvature, intrinsic: kappa, measured, and kappa0 of the model (1/m, per
-    unstretched length); std: of their difference. lines: Eq 10, one line per section of the fitted
-    law; a section with too few targets has none.
+    moment: M_est (N m); curvature, intrinsic: measured kappa, and kappa0 of the model (1/m, per
+    unstretched length); std: that of their difference. lines: Eq 10, one line per section of the
+    fitted law; a section with too few targets has none.
     """
 
     steady_state: SteadyState
@@ -103,7 +103,7 @@ def law_starts(arm: Arm, pressure: float) -> list[float]:
 
 
 def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> MomentView:
-    """Return a view with a line through each section; targets (m): the seen ones."""
+    """Return a view with a line through each section; targets (m): those that were seen."""
     lines = []
     for start, stop in itertools.pairwise(starts):
         inside = (view.arclength >= start) & (view.arclength < stop)

@@ -1,4 +1,4 @@
-"""Sensitivity of the predicted shape to F1, l1, rigidities, one at a time (Figure 10)."""
+"""Sensitivity of the predicted shape to F1, l1 and rigidities, one at a time (Figure 10)."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ RIGIDITY_NAMES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Variation:
-    """The shapes for some values of one quantity; `name`, and a label per shape.
+    """Shapes for several values of one quantity: its name, the shapes, and a label for each.
 
-    travel (m): of the free end between the first and the last shape, NaN if one is missing.
+    travel (m) of the free end from the first to the last shape, NaN if one is missing.
     """
 
     name: str
@@ -67,7 +67,7 @@ def variations(arm: Arm, steady_state: SteadyState) -> tuple[Variation, ...]:
 
 
 def stiffer(law: MomentLaw, factor: float) -> MomentLaw:
-    """Return a law with its rigidity (Majidi: its modulus) larger by a factor."""
+    """Return a law whose rigidity (Majidi: modulus) is larger by a factor."""
     if isinstance(law, PiecewiseLinearLaw):
         return replace(law, rigidity=factor * law.rigidity)
     if isinstance(law, LinearLaw):

@@ -1,4 +1,4 @@
-"""Steady states of a run: means of stretches with nearly constant pressure and load.
+"""Steady states of a run: means over intervals of nearly constant pressure and load.
 
 A hold of a staircase is one long state, a slow ramp many short ones. Mean targets correspond to
 the mean load, because linear changes cancel. The fitted displacement of camera and target
@@ -31,10 +31,10 @@ COVERED = 0.8  # share of the pressures that holds must span
 class SteadyState:
     """Average of successive frames of a run under nearly the same load.
 
-    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: the true ones,
-    as of one frame. x, y (targets,) m are means over the frames in which a target was seen, minus
-    the fitted disturbances; `count` (targets,): number of these frames; NaN for a target never
-    seen.
+    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: the true
+    inputs, as for one frame. x, y (targets,) m are means over the frames in which a target was
+    seen, minus the fitted disturbances; `count` (targets,): number of these frames; NaN for a
+    target never seen.
     """
 
     run: str
@@ -113,7 +113,7 @@ def longest_states(states: Sequence[SteadyState]) -> list[SteadyState]:
 
 
 def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
-    """Choose at most this many states, evenly over pressure, the longest of neighbors."""
+    """Choose at most this many states, evenly over pressure; of neighbors, the longest."""
     if not states:
         return []
     places = np.array([state.pressure for state in states])
@@ -129,7 +129,7 @@ def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
 
 
 def predict_states(arm: Arm, states: Sequence[SteadyState], arclength: Array) -> Array:
-    """Predict the arm under these loads, (states, 6, arclength); NaN: no equilibrium.
+    """Predict the arm under these loads, (states, 6, arclength); NaN without an equilibrium.
 
     Fields as in `solver.interpolation.at_stations`; arclength in m.
     """

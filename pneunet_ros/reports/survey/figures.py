@@ -1,4 +1,4 @@
-"""The arms of a fleet side by side: their numbers, missing effects and shapes."""
+"""The arms of a fleet side by side: numbers, missing effects and shapes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def numbers(data: SurveyData) -> Picture | None:
         '01_numbers',
         'The same numbers of every arm',
         'Bars are two standard errors. Line and band: center of the fleet, and two standard '
-        'deviations of the scatter of alike arms beyond their error bars. Red diamonds: arms '
+        'deviations of the scatter of similar arms beyond their error bars. Red diamonds: arms '
         'that are odd by all numbers together; an arm may be odd although no single number is.',
         figure,
     )

@@ -60,7 +60,7 @@ def survey_sentences(data: SurveyData) -> list[str]:
 
 
 def effects_sentence(data: SurveyData) -> str:
-    """Describe how many arms lacked each effect, and how many got another answer."""
+    """Describe how many arms an effect was missing in, and how many got another answer."""
     done = len(data.done)
     counts = data.effect_counts()
     named = ', '.join(f'{name} in {count}' for name, count in counts.items())
@@ -82,15 +82,14 @@ def rare_sentences(data: SurveyData) -> list[str]:
 
 
 def certainty(data: SurveyData) -> str:
-    """Describe the basis of the comparison and of the model errors."""
+    """Describe on what the comparison and the model errors are based."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
     text = f'Too few arms to find odd ones: at least {FEWEST_COMPARED} are needed.'
     if compared:
         text = (
             f'{compared} of {done} arms are compared, with their error bars; in '
-            f'{100.0 * FLEET.level:g} % of fleets of alike arms, one is called odd by '
-            'chance.'
+            f'{100.0 * FLEET.level:g} % of fleets of similar arms, one is called odd by chance.'
         )
     held_out = sum(item.held_out for item in data.done)
     return f'{text} Model errors of {held_out} of {done} arms are from held-out recordings.'
@@ -110,7 +109,7 @@ def next_steps(data: SurveyData) -> tuple[str, str]:
     (arm,) = (item for item in data.done if item.name == name)
     step = f'Test the model of {name} on a recording that it has not seen.'
     if places:
-        step = f'Record {name} again, and see whether its model holds: it is the oddest arm.'
+        step = f'Record {name} again, and check whether its model holds: it is the oddest arm.'
     model = shlex.quote(f'{data.output}/{arm.folder}/{arm.found["model"]}')
     return step, f'pneunet replay FRESH.mcap --model {model}'
 

@@ -17,8 +17,8 @@ class SurveyedArm:
 
     failed: the reason in a sentence, empty if it did not fail. found: results of calibration and
     diagnosis, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`;
-    arm: its model with the missing effects. Both are empty if it failed. folder: of its files,
-    relative to the page; recordings: its files; arm_file: used for its calibration.
+    arm: its model with the missing effects. Both are empty if it failed. folder of its files,
+    relative to the page; recordings: its files; arm_file: the file used for its calibration.
     """
 
     name: str
@@ -41,7 +41,7 @@ class SurveyedArm:
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """Names of effects that cannot be distinguished from them."""
+        """Names of effects that cannot be distinguished from the added ones."""
         return tuple(self.found.get('alternatives', ()))
 
     @property
@@ -90,7 +90,7 @@ class SurveyData:
         return dict(Counter(item.answer for item in self.done).most_common())
 
     def rare_effects(self) -> dict[str, list[str]]:
-        """Return effects that fewer than half of the arms have, with the arms that have them."""
+        """Return the effects that fewer than half of the arms have, with these arms."""
         counts = self.effect_counts()
         return {
             name: [item.name for item in self.done if name in item.effects]
@@ -99,7 +99,7 @@ class SurveyData:
         }
 
     def could_show(self, effect: str) -> int:
-        """Return the number of arms without an effect in which it could have been detected."""
+        """Return the number of arms without an effect in which it would have been detected."""
         return sum(
             bool(item.found['detectable'].get(effect, {}).get('observable'))
             for item in self.done

@@ -1,7 +1,7 @@
 """Preview of tracking as one HTML page: a verdict, and frames to scrub through.
 
 Each frame shows image, targets, measured centerline and, if the recording has estimates, the
-predicted one; below are the distances of each target from them.
+predicted one; the distances of each target from these lines are shown below.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class TrackingPage:
         return self.estimated.points[found[0]] if is_matched[0] else None
 
     def html(self, output: str) -> str:
-        """Return the page; output: the written recording, '' without."""
+        """Return the page; output: the written recording, '' if there is none."""
         script = importlib.resources.files('pneunet_ros.reports.templates').joinpath(SCRIPT)
         text = script.read_text(encoding='utf-8')
         digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
@@ -187,7 +187,7 @@ class TrackingPage:
 
     @property
     def _moving(self) -> int:
-        """Number of frames after the tracker has learned the arm at rest."""
+        """Number of frames after those from which the tracker has learned the arm at rest."""
         return self._count - self._reasons[RESTING]
 
     @property
@@ -203,7 +203,7 @@ class TrackingPage:
         if not self._explained:
             return f'The arm was not found: {frames}.'
         share = self._seen / (self._explained * self.target_arclength.size)
-        seen = f'{100.0 * share:.1f} % of their targets seen'
+        seen = f'{100.0 * share:.1f} % of the targets in them seen'
         if self._good:
             return f'The tracker follows the arm: {frames}, {seen}.'
         return f'The tracker loses the arm: {frames}, {seen}.'
@@ -218,7 +218,7 @@ class TrackingPage:
         if self._rms:
             rms = millimeters(float(np.median(self._rms)))
             text += f'; targets are {rms:.2g} mm rms from the smooth curve'
-        return f'{text}. Check below that it is the right row.'
+        return f'{text}. Check below that this is the right row.'
 
     def _delay(self) -> str:
         """Describe the delay of the film relative to the table; '' without a table."""
@@ -237,7 +237,7 @@ class TrackingPage:
             )
         if self.film and not self.film['frames_covered']:
             return (
-                'Give the delay by which the film is ahead of the table; nothing was written.',
+                'Nothing was written: give the delay by which the film is ahead of the table.',
                 shlex.join(
                     [
                         *track,
