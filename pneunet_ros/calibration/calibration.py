@@ -72,7 +72,7 @@ class Calibration:
     shape's variance in the low-rank covariance of the model file. notes: undetermined quantities,
     and recordings that do not fit the others. variation: variation of the stiffness along the arm;
     None if it was not tested. motion: frames that were left out because the arm was moving; None
-    if there were none. settings: of the calibration.
+    if there were none. settings of the calibration.
     """
 
     arm: Arm

@@ -77,7 +77,7 @@ class CameraClock:
 def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     """Return the clocks whose rate is observable from the frames of a fit, by recording.
 
-    noise: of the fit. All clocks are estimated together, because a wrong clock biases the arm and
+    noise of the fit. All clocks are estimated together, because a wrong clock biases the arm and
     thereby the other recordings. To first order, this bias may look like wrong clocks of the other
     recordings. Therefore only clocks with at least half of the largest evidence are returned; the
     others may be right.

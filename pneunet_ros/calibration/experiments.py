@@ -225,7 +225,7 @@ class FitSequence:
     ) -> float:
         """Return the EI (N m^2) that fits the targets best, to start a fit.
 
-        placement (2, targets) m: of the targets, as far as it is known.
+        placement (2, targets) m of the targets, as far as it is known.
 
         Scans values that are decades apart, then searches between the neighbors of the best. The
         cost is the mean log error, so that a frame in which the arm snaps does not dominate.

@@ -226,8 +226,8 @@ def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int =
 
     Args:
         arms: the numbers of each arm, by name.
-        pressure: of the numbers, Pa.
-        seed: of the simulated fleets.
+        pressure: at which the numbers are compared, Pa.
+        seed: that of the simulated fleets.
 
     Returns:
         The compared arms. A number is compared if enough arms have it; center and scatter of the
@@ -288,7 +288,7 @@ def distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
 
     Args:
         values: (fleets, arms, n), NaN if unknown for an arm.
-        covariance: of the error bars (arms, n, n), the same in every fleet.
+        covariance: that of the error bars (arms, n, n), the same in every fleet.
 
     Returns:
         center (fleets, n); scatter (fleets, n, n), the covariance of similar arms beyond their

@@ -21,7 +21,7 @@ def low_rank(
     """Return a low-rank covariance of the parameters, and the share of shape variance it captures.
 
     most: largest number of columns. painted: include the placement of only the first `painted`
-    targets; None: of all targets. guessed (parameters, errors): assumed errors, one extra column
+    targets; None: all targets. guessed (parameters, errors): assumed errors, one extra column
     each.
 
     Keeps the directions of the full covariance that move the targets of the fitted frames most,

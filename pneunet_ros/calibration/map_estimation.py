@@ -274,7 +274,7 @@ def finalize(
 
 
 def posterior_at(fit: Fit, noise: SensorNoise) -> tuple[Posterior, LinearizedPosterior]:
-    """Return the posterior linearized at the end of the search of a fit; noise: of the fit."""
+    """Return the posterior linearized at the end of the search of a fit; noise of the fit."""
     runs, targets = [item.run for item in fit.runs], fit.parameters.frame.target_arclength
     posterior = Posterior(fit.parameters, runs, noise, targets)
     prior, values = posterior.prior, np.concatenate([fit.values, fit.disturbance])

@@ -28,7 +28,7 @@ MODEL_ERROR = 0.004
 class MotionFit:
     """Fitted mass and damping, with standard errors.
 
-    tip_mass kg, damping_time s; hertz and decay_time (s): of the slowest vibration of the unloaded
+    tip_mass kg, damping_time s; hertz and decay_time (s) of the slowest vibration of the unloaded
     arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets from the arm in
     equilibrium and in motion. in_motion: number of frames in which motion moves the tip by more
     than 1.96 standard deviations of a target. shares (arms,): fitted steps towards the perturbed

@@ -22,7 +22,7 @@ NUGGET = 3e-9  # added to the variance of the prior, relative, so that it can be
 class Hyperparameters:
     """The prior of kappa_p0: a Gaussian process over p and s.
 
-    amplitude (1/m), at the highest pressure: of the part proportional to pressure; std (1/m) of
+    amplitude (1/m) of the part proportional to pressure, at the highest pressure; std (1/m) of
     the remaining part; both are smooth in s over `length_scale` (relative to the length).
     """
 

@@ -30,7 +30,7 @@ class SwingingRun:
 
     stamp_ns (readings,); solved: tables of the rod, (readings, ...) each; equilibrium
     (readings, 2, targets) m: the targets in equilibrium; theta_and_curvature (readings, 2,
-    targets) rad and 1/m there; reading (frames,): of each frame; points (frames, 2, targets)
+    targets) rad and 1/m there; reading (frames,) of each frame; points (frames, 2, targets)
     m. plucked: whether the pressure is constant.
     """
 

@@ -84,7 +84,7 @@ class ArrivalOrder(Generic[Item]):
         self._companions = {tie: Companion() for tie in range(end)}
 
     def add(self, topic: str, at_ns: int, stamp_ns: int, item: Item) -> None:
-        """Add a message that arrived at `at_ns`; stamp_ns: of its header, 0 if it has none."""
+        """Add a message that arrived at `at_ns`; stamp_ns of its header, 0 if it has none."""
         arrival = Arrival(at_ns, self.topics.index(topic), self._count, stamp_ns, item)
         self._count += 1
         insort(self._waiting, arrival, key=lambda one: one[:3])

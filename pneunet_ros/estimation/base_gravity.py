@@ -54,7 +54,7 @@ class BaseGravity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GravitySource:
-    """Source of the direction of gravity; settings: meaning of readings; gravity: of the arm.
+    """Source of the direction of gravity; settings: meaning of readings; gravity of the arm.
 
     frame: a tf frame whose z axis points up; empty: use `base_imu`, which is required if the model
     does not state the direction, and ignored if the direction is fixed.

@@ -76,8 +76,8 @@ FORCE_NOT_JUDGED = (
 class Disagreement:
     """The recent disagreement between measured targets and estimate.
 
-    rms: of the whitened difference, 1 for pure noise; limit: noise limit of rms; target, arclength
-    (m): of the largest difference relative to its noise; beyond: rms exceeds the limit, and not
+    rms of the whitened difference, 1 for pure noise; limit: noise limit of rms; target, arclength
+    (m) of the largest difference relative to its noise; beyond: rms exceeds the limit, and not
     only because of a few frames; force_read: whether the end load was measured; stamp_ns: of the
     last frame.
     """
@@ -109,7 +109,7 @@ class Disagreement:
 class FrameInnovation:
     """Deviation of the targets of one frame from their estimate.
 
-    rms: of the whitened difference, 1 for pure noise; limit: rarely exceeded by noise; at_tip: chi
+    rms of the whitened difference, 1 for pure noise; limit: rarely exceeded by noise; at_tip: chi
     square of the tip alone, two coordinates, NaN if it is not seen; force_read: whether the end
     load was measured; evidence: for persistent errors, None outside the domain of the model.
     """

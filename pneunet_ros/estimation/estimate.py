@@ -18,7 +18,7 @@ from pneunet_ros.model.shape import Shape
 class ShapeEstimate:
     """A shape predicted from readings, with its uncertainty; SI units, in the base frame.
 
-    stamp_ns: of the pressure reading; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
+    stamp_ns of the pressure reading; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
     std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None if no
     wrench is needed; warnings: sentences about limits of the estimate. position: that of its load

@@ -42,7 +42,7 @@ class Estimator:
     """Estimates the shape with its covariance from each reading, for a calibrated arm.
 
     arm: with the noise of its sensors and the covariance of its model; settings: meaning and
-    timeouts of the readings; arclength (stations,) m: of the stations; table: derivatives of the
+    timeouts of the readings; arclength (stations,) m of the stations; table: derivatives of the
     rod's record by pressure and model; moving: the moving arm with stations and targets, None if
     the model has no `motion`; gravity: the source of the direction of gravity. Raises ModelError
     if a column of the model's covariance moves a parameter out of bounds.

@@ -350,7 +350,7 @@ def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float
     """Return the squared tip displacement (m^2) in a frame due to a step of the model columns.
 
     Also returns the probability that the true tip is then outside its stated 95 % ellipse,
-    including the errors of its readings. covariance (columns, columns): of the step. A sum of
+    including the errors of its readings. covariance (columns, columns) of the step. A sum of
     squares of normal variables is approximated by a gamma law with the same mean and variance.
     """
     readings, columns = frame.tip_errors[:READINGS], frame.tip_errors[READINGS:]

@@ -185,7 +185,7 @@ class Comparison:
 def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None) -> Comparison:
     """Compare the shapes of one source with those of another, frame by frame.
 
-    length: of the arm, m; None: the reach of the centerlines. Raises RecordingError if the two
+    length of the arm, m; None: the reach of the centerlines. Raises RecordingError if the two
     have nothing in common to compare, whatever their stamps.
     """
     if of.frame and to.frame and of.frame != to.frame:

@@ -34,7 +34,7 @@ class Contact:
     """A contact: its position and force.
 
     x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
-    along its normal (-sin theta, cos theta); log_odds: of a contact against none; correlation: of
+    along its normal (-sin theta, cos theta); log_odds of a contact against none; correlation: of
     its force with the tip force; ambiguous: whether the two cannot be distinguished because no
     sensor measures the tip force.
     """
@@ -89,7 +89,7 @@ class PushScores:
 
     place (panels,) m; force (panels,) N, the most likely one at each; gain (panels,) chi squared;
     pushes, weighed (coordinates, panels): whitened displacement by a push, and the inverse
-    covariance times that; information (panels,): of the force; freedom (N, m): one sigma of the
+    covariance times that; information (panels,) of the force; freedom (N, m): one sigma of the
     prior force, and the length of the arm.
     """
 

@@ -84,7 +84,7 @@ def solve_factored(factor: Array, sides: Array) -> Array:
 class FrameLinearization:
     """A trial with its Jacobian with respect to xi, the innovation, and its covariance.
 
-    jacobian (coordinates, unknowns): of the prediction, whitened; by_model_error (coordinates,
+    jacobian (coordinates, unknowns) of the prediction, whitened; by_model_error (coordinates,
     errors): effect of a model error of size 1; innovation (coordinates,): residual at the mean of
     the prior, to first order; factor: Cholesky factor of its covariance; weighed (coordinates,):
     inverse of that covariance times the innovation; force (2, 2) N^2: posterior covariance of the
@@ -173,7 +173,7 @@ class FrameProblem:
     Constant during the search: std (coordinates,) m of white noise; measured (targets,) m, x + i
     y; causes (causes, unknowns): derivatives of every cause by the unknowns; cause_root:
     derivatives of the causes, of the camera position (x, y) and of its rotation by xi; painted
-    (coordinates, xi): of the painted positions, whitened; sized_causes (causes, errors): effect of
+    (coordinates, xi) of the painted positions, whitened; sized_causes (causes, errors): effect of
     a model error of size 1; force (2, 2) N^2: covariance of the tip force before the frame;
     still_root: the root of the unknowns for the bending of the arm.
     """

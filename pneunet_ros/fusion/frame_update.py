@@ -163,7 +163,7 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
 
 
 def with_belief(problem: FrameProblem, found: FrameUpdate) -> FrameUpdate:
-    """Return the result of a search, with the posterior belief; problem: of all targets seen."""
+    """Return the result of a search, with the posterior belief; problem of all targets seen."""
     if found.fit is None:
         return found
     return with_fit(found, found.fit, hold_force(found.fit), int(np.count_nonzero(problem.used)))

@@ -120,7 +120,7 @@ class FusionState:
     not arrived; seen: the last frame that is not a copy of an earlier one.
     bank: the hypotheses, most likely first, each with its belief at the last frame; lasting:
     causes that survive a reset of the belief (faulty sensors, a mirrored image). wrench_used_ns:
-    stamp of the last wrench in the belief; solution: of the last estimate; pending: the last
+    stamp of the last wrench in the belief; solution of the last estimate; pending: the last
     frame; search: the search for other tip forces that fit it.
     """
 

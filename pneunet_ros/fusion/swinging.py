@@ -62,7 +62,7 @@ def propagate_swing(
 class SwingingEstimate:
     """A swinging arm at the stations of an estimate.
 
-    belief: at the stamp; bent: the equilibrium; reference: of the swing; swing_deviation:
+    belief: at the stamp; bent: the equilibrium; reference of the swing; swing_deviation:
     deviation from the equilibrium; arm_motion: None at the stamp of a frame.
     """
 
@@ -76,7 +76,7 @@ class SwingingEstimate:
     def errors(
         self, causes: Array, sensitivity: Sensitivity, equilibrium_errors: PropagatedErrors
     ) -> PropagatedErrors:
-        """Return the errors of the arm; equilibrium_errors: of its equilibrium.
+        """Return the errors of the arm; equilibrium_errors of its equilibrium.
 
         An error of the loads hardly moves a swinging arm itself. causes (causes, unknowns):
         derivatives by the unknowns.

@@ -146,7 +146,7 @@ def moving_shape(
 def tip_velocity(shape: MovingShape, spin: Array, cap: float) -> Array:
     """Return the velocity (frames, 3) of the tip: m/s, m/s in the base frame, rad/s.
 
-    spin (frames, links + 1) rad/s: of the links.
+    spin (frames, links + 1) rad/s of the links.
     """
     weight = np.full(spin.shape[1], shape.link)
     weight[[0, -1]] *= 0.5

@@ -168,7 +168,7 @@ def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inp
 def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
     """Return the targets of a run at their painted positions; disturbance: as in `of_run`.
 
-    theta (rad), curvature (1/m), both (frames, targets): of the arm at the targets.
+    theta (rad), curvature (1/m), both (frames, targets) of the arm at the targets.
     """
     targets = theta.shape[1]
     return paint(theta, curvature, disturbance[: 2 * targets].reshape(2, targets))

@@ -96,7 +96,7 @@ def places_along(reach: float, arclength: Array) -> Places:
 class MotionEstimate:
     """Motion of an arm about its equilibrium.
 
-    velocity (3,): of the tip, m/s and rad/s. settled: whether the tip is at its equilibrium and
+    velocity (3,) of the tip, m/s and rad/s. settled: whether the tip is at its equilibrium and
     will stay there, within its uncertainty. swing, at_nodes, at_joints: see
     `solver.swing.follow_swing`; relative (2,): errors of mass and damping; left_out (m):
     truncation error of the tip in each shape. modes of the arm about its equilibrium.
@@ -162,7 +162,7 @@ def likely_motion(arm: Arm) -> Motion | None:
 class MovingArm:
     """An arm whose model has `motion`; table: its model errors.
 
-    modes: of the unloaded arm at the middle of its pressure range; the slowest ones describe the
+    modes of the unloaded arm at the middle of its pressure range; the slowest ones describe the
     swing. relative (2,): one sigma of the errors of mass (for the given stiffness) and damping.
     Raises ModelError if the unloaded arm has no stable equilibrium to swing about.
     """

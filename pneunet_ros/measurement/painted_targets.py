@@ -52,7 +52,7 @@ class PaintedTargets:
 def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
     """Return targets painted placement (2, targets) m along and across the arm.
 
-    theta (rad), curvature (1/m), both (.., targets): of the arm at their places.
+    theta (rad), curvature (1/m), both (.., targets) of the arm at their places.
     """
     along, across = placement
     chord, heading = along_the_arc(theta, curvature, along)

@@ -115,7 +115,7 @@ class SwingDeviation:
     links of the equilibrium. Rows: x, y (m), theta (rad), curvature (1/m). deviation (4, places);
     by_link (links, 4, places): per rotation of each link of the equilibrium, at constant shape
     coordinates; by_shape (shapes, 4, places); moment (places,) N m relative to the equilibrium.
-    at_tip (shapes, 2) m: of the tip; left_out (ERRORS, 2, places) m: one sigma. displacements (2,
+    at_tip (shapes, 2) m of the tip; left_out (ERRORS, 2, places) m: one sigma. displacements (2,
     links + 1, links) m: those of link centers and tip per rotation of each link; heading (links,)
     rad.
     """
@@ -334,7 +334,7 @@ class SwingingArm:
     def force_on_shapes(self, swing: SwingDeviation, turns: Array, places: Array) -> Array:
         """Return the generalized force of 1 N along the normal, (shapes, places) N m.
 
-        turns (shapes, links): of each shape; places (places,) m.
+        turns (shapes, links) of each shape; places (places,) m.
         """
         heading = np.interp(places, self.middles, swing.heading)
         normal = np.stack([-np.sin(heading), np.cos(heading)])

@@ -23,10 +23,10 @@ def starting_arm(
     """Return an evenly bending arm of this size, with invented numbers marked as such.
 
     Args:
-        name: of the model.
+        name: that of the model.
         length: from the clamp to the free end, m.
-        weight: of the arm, N.
-        places: of its targets along it, (targets,) m.
+        weight: that of the arm, N.
+        places: positions of its targets along it, (targets,) m.
         largest_pressure: in use, Pa.
 
     Returns:

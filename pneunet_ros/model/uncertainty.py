@@ -64,7 +64,7 @@ class PlacementKnown:
     """The calibrated placement of the targets.
 
     mean, std (2 targets,) m: along the arm, then across it, of all targets; factor (2 targets,
-    columns) m: change by one sigma of each column of the model's covariance; std: of the rest.
+    columns) m: change by one sigma of each column of the model's covariance; std of the rest.
     Model and placement are estimated from the same images, so their errors are correlated. origin
     (2,) m: offset of the base frame of these images from the neutral line at the clamp.
     """

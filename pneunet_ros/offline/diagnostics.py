@@ -49,7 +49,7 @@ class Diagnostics(ABC):
     """The topic `/diagnostics` of a replay, under the default name of the node."""
 
     def __init__(self, arm: Arm, pressure: str, name: str) -> None:
-        """Initialize; pressure: its topic; name: of the status, e.g. 'fusion: shape and force'."""
+        """Initialize; pressure: its topic; name of the status, e.g. 'fusion: shape and force'."""
         self._name, self._label = f'{namespace_of(pressure)}{name}', model_label(arm)
         self.left_out = error_left_out(arm.covariance, arm.sources)
         self.clock = Clock()

@@ -162,7 +162,7 @@ def misfit_of_few(fit: Fit) -> Note | None:
 def describe_pressure_noise(pressure_std: float, span: float) -> list[Note]:
     """Return a sentence if the noise of the pressure (Pa) is so large that it biases the errors.
 
-    span (Pa): of the pressures. Quantities proportional to pressure are underestimated on average:
+    span (Pa) of the pressures. Quantities proportional to pressure are underestimated on average:
     errors in variables.
     """
     if not pressure_std > CONSISTENCY.noisy_pressure * span > 0.0:

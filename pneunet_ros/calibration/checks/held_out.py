@@ -39,7 +39,7 @@ def score(
     """Predict a run from its readings and compare.
 
     inputs: those of the run, if its history continues earlier runs; None: computed from the run
-    alone. placement (2, targets) m: of the targets along and across the arm; None: estimated with
+    alone. placement (2, targets) m of the targets along and across the arm; None: estimated with
     the covariance of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)

@@ -60,7 +60,7 @@ class TipErrors:
 class StiffnessVariation:
     """Test whether the stiffness EI varies along the arm, from loaded frames.
 
-    statistic: reduction of chi squared by `dof` coefficients; coefficients (dof,): of ln EI in
+    statistic: reduction of chi squared by `dof` coefficients; coefficients (dof,) of ln EI in
     Legendre polynomials along the arm, from the first degree on; tips: the effect on the tip.
     """
 

@@ -124,7 +124,7 @@ def motion_summary(tally: Tally) -> dict[str, float] | None:
     """Return the motion of the arm; None if the model has no motion.
 
     settled: fraction of the estimates in which the arm is at rest; frequency (Hz) and decay_time
-    (s): of the last estimate.
+    (s) of the last estimate.
     """
     motion = tally.last.motion if tally.last else None
     modes = motion.modes() if motion else None

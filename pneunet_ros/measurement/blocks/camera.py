@@ -16,7 +16,7 @@ from pneunet_ros.measurement.blocks.block import Block, Prior
 class Camera(Block):
     """Drift and position (x, y m each), and rotation (rad) around the base.
 
-    drift_std, place_std (m): of an undisturbed camera; length (m): of the arm; origin (m): offset
+    drift_std, place_std (m) of an undisturbed camera; length (m) of the arm; origin (m): offset
     of the base frame from the neutral line at the clamp.
     """
 

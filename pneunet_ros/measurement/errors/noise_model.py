@@ -52,7 +52,7 @@ def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
 def missed_load(run: RecordingData, stds: Array) -> Array:
     """Return one sigma of the interpolation error of the load, (frames, 3).
 
-    stds (3,): of F1, F2 (N) and M (N m) as read.
+    stds (3,) of F1, F2 (N) and M (N m) as read.
     """
     if run.wrench_stamp_ns is None or run.wrench is None or run.static or run.load_known:
         return np.zeros((len(run.stamp_ns), LOADS))

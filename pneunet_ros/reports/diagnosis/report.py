@@ -103,7 +103,7 @@ def unsettled_page(
     provenance: Mapping[str, Any],
     given: Given = NOTHING_GIVEN,
 ) -> str:
-    """Return the page of a diagnosis without numbers; name: of the model."""
+    """Return the page of a diagnosis without numbers; name of the model."""
     names = shlex.join(given.recordings) or 'REC...'
     return render_page(
         UNSETTLED,

@@ -45,7 +45,7 @@ class TrackingPage:
     """Collects the frames of a recording for a page.
 
     source: as given by the user; model: name of the arm; target_arclength (targets,) m; estimated:
-    the shapes in the recording, None without; preview: of all frames; film: numbers of the delay
+    the shapes in the recording, None without; preview of all frames; film: numbers of the delay
     of a film with a table, filled before the page is made, otherwise empty. arm_options,
     image_options: the options for the arm and for the images, as typed.
     """
