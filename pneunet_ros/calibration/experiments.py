@@ -35,7 +35,7 @@ from pneunet_ros.solver.columns import CURVATURE, THETA
 import scipy
 
 SCANNED = 0.02  # decades; tolerance of the search for the first stiffness
-SCANNED_FRAMES = 5  # per loaded run, in that search: CPU
+SCANNED_FRAMES = 5  # frames per loaded run in that search, to save CPU
 # Relative to the initial stiffness, tried first.
 STIFFNESS_FACTORS = (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4)
 COMPARED_FRAMES = 60  # per run, for the comparison of moment laws: CPU

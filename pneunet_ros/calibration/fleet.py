@@ -20,7 +20,7 @@ from pneunet_ros.model.arm import Arm
 import scipy
 
 MEDIAN_SQUARE = 0.454936423119572  # median of the square of a standard normal variable
-STATIONS = 101  # along the arm, for means over it
+STATIONS = 101  # places along the arm for means over it
 ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
 TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
@@ -325,7 +325,7 @@ def deviations_and_precision(
     total = np.where(both_known, scatter[:, None] + covariance, np.eye(values.shape[2]))
     scale = np.sqrt(np.diagonal(total, axis1=2, axis2=3))
     scale = scale[..., :, None] * scale[..., None, :]
-    correlation = total / scale + 1e-9 * np.eye(values.shape[2])  # to be inverted, whatever it is
+    correlation = total / scale + 1e-9 * np.eye(values.shape[2])  # always invertible
     precision = np.where(both_known, np.linalg.inv(correlation) / scale, 0.0)
     return np.where(known, values - center[:, None], 0.0), precision
 
@@ -341,7 +341,7 @@ def next_estimate(
     precision = precision * counted[..., None, None]
     step = np.einsum('daij,daj->di', precision, deviation)
     total = precision.sum(axis=1)
-    unknown = np.diagonal(total, axis1=1, axis2=2) == 0.0  # by all arms that count
+    unknown = np.diagonal(total, axis1=1, axis2=2) == 0.0  # the weight of all arms in use
     center = (
         center
         + np.linalg.solve(total + unknown[..., None] * np.eye(step.shape[1]), step[..., None])[

@@ -210,7 +210,7 @@ def fit(
         scaled = last.scaled + step
         try:
             return scaled if posterior.cost(scaled, last) < last.cost else None
-        except ModelError:  # no such arm: its rigidity would be zero
+        except ModelError:  # there is no such arm: its rigidity would be zero
             return None
 
     search = gauss_newton(
@@ -226,7 +226,7 @@ def fit(
     status = {
         End.CONVERGED: 'converged',
         End.STUCK: (
-            'no further step lowers the cost, although the linearization predicts a change of '
+            'no step lowers the cost, although the linearization predicts a change of '
             f'{search.gain:.2g} standard deviations'
         ),
         End.UNFINISHED: 'no convergence within the allowed steps',

@@ -27,11 +27,11 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squared normal variables
 NORMAL = NormalDist()
 QUARTILE = NORMAL.inv_cdf(0.625)  # lower quartile of the size of a normal variable, over its std
-CLIPPED = 3.0  # sigma, beyond which a difference is a change: the usual three
+CLIPPED = 3.0  # a difference beyond this many sigma is a change; convention
 # Share of the variance of normal variables within that.
 LEFT_OF_VARIANCE = 1.0 - 2.0 * CLIPPED * NORMAL.pdf(CLIPPED) / (2.0 * NORMAL.cdf(CLIPPED) - 1.0)
 MOST_CLIPPINGS = 30  # usually five suffice
-RESTS = 3.0  # sigma of a pressure reading; a smaller change between frames is rest
+RESTS = 3.0  # sigma of a pressure reading; with a smaller change between frames the arm rests
 ASSUMED = 'assumed; these recordings do not determine it'
 # Sensor noise stated in an arm file, and its unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
@@ -81,7 +81,7 @@ def estimate_noise(
         )
         for name, series in readings.items()
     }
-    white = white_of_targets(runs)
+    white = target_noise(runs)
     found['target_std'] = white, 'second differences of target positions in time'
     length = float(arclength[-1]) if arclength.size else 0.0
     least_target = NOISE_ESTIMATE.least_target
@@ -324,7 +324,7 @@ def clipped_std(values: Array) -> float:
     return std
 
 
-def white_of_targets(runs: Sequence[RecordingData]) -> float | None:
+def target_noise(runs: Sequence[RecordingData]) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
     White noise averages out over the targets of a frame, but a change of motion does not. Frames

@@ -20,7 +20,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.collocation import prepare
 from pneunet_ros.solver.columns import CURVATURE, join_ends, PANEL_WIDTH, THETA
 
-LARGE_SWING = 0.5  # of the largest swing: after the last such frame the arm is free
+LARGE_SWING = 0.5  # share of the largest swing; the arm is free after the last such frame
 Solved = tuple[Array, Array, Array]
 
 

@@ -22,7 +22,7 @@ def main() -> int:
 
         return run()
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # later signals change nothing
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # later signals have no effect
         forget_interrupt()
         print(f'pneunet: interrupted; {written_sentence()}', file=sys.stderr)
         return INTERRUPTED

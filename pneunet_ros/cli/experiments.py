@@ -15,7 +15,7 @@ from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
-from pneunet_ros.core.progress import heard
+from pneunet_ros.core.progress import reporting_to
 
 if TYPE_CHECKING:
     from pneunet_ros.measurement.dataset import RecordingData
@@ -147,7 +147,7 @@ def read_experiments(
             return run.without_load()
         return run
 
-    with heard(verb.progress_of(bar, 'reading')):
+    with reporting_to(verb.progress_of(bar, 'reading')):
         runs = tuple(tuple(read(path) for path in group) for group in groups)
     flat, notes = in_base_frame(list(itertools.chain(*runs)), frame)
     left_out += notes

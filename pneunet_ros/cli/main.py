@@ -270,7 +270,7 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
         )
         if words and words[0] == verb.name:
             if ends and {'--help', '-h'} & set(words):
-                jit.answer_first()  # --help computes nothing, so load no kernel
+                jit.answer_first()  # --help computes nothing and needs no kernels
             elif verb.kernels != 'none':
                 answer_first()
             module = import_module(verb.module)
@@ -308,7 +308,7 @@ def negative_number(argument: str) -> str:
 
 def complete() -> None:
     """Print the shell completions of a command line, and exit."""
-    import argcomplete  # an extra: who asks has it
+    import argcomplete  # an extra; only its users ask for completions
 
     words = os.environ.get('COMP_LINE', '').split()[1:]
     argcomplete.autocomplete(parser(words))
@@ -330,7 +330,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print_error(error.sentence, 'usage')
         raise
     try:
-        see_to_kernels(given)
+        prepare_kernels(given)
         if getattr(given, 'effects_path', None) is not None:
             from pneunet_ros.effects.user_effects import add_effects
 
@@ -340,17 +340,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except PneunetError as error:
         return complain(given, str(error), error.reason)
-    except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
+    except BrokenPipeError:  # the reader of the output has ended, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # not about one of our files: a full /tmp, too many open files
+    except OSError as error:  # not about an input or output: a full /tmp, too many open files
         about = f'{error.filename}: ' if error.filename else ''
         return complain(given, f'{about}{error.strerror or error}', 'system')
     except MemoryError:
         return complain(given, 'not enough memory', 'memory')
 
 
-def see_to_kernels(given: Namespace) -> None:
+def prepare_kernels(given: Namespace) -> None:
     """Compile missing kernels, before the verb runs or while it runs."""
     if given.kernels == 'none' or not jit.is_waiting():
         return

@@ -38,7 +38,7 @@ def run_fusion(arguments: Namespace) -> int:
     sensors = replace(fusion.sensors, wrench_required=wrench)
     verdicts = judge(arguments, recording, arm, sensors, overrides)
     # A wrong force sensor is left out by the fusion itself.
-    if PRESSURE.name in verdicts.doubted or verdicts.model_mismatch:
+    if PRESSURE.name in verdicts.contradicted or verdicts.model_mismatch:
         return refuse_readings(arguments, verdicts)
     tally = FusionTally()
     start = time.perf_counter()
@@ -63,7 +63,7 @@ def run_fusion(arguments: Namespace) -> int:
         'settings': settings_used(fusion.settings, *fusion.model.unknowns.blocks),
         'seconds': time.perf_counter() - start,
         'sentences': [
-            *([f'{verdicts.findings}: give {verdicts.options}'] if verdicts.doubted else []),
+            *([f'{verdicts.findings}: give {verdicts.options}'] if verdicts.contradicted else []),
             *recording.sentences,
             *fusion.other_sensors(state).values(),
         ],

@@ -44,7 +44,7 @@ def refuse_readings(arguments: Namespace, verdicts: Verdicts) -> int:
     """
     path = arguments.recording
     sentence = f'{path}: {verdicts.model_mismatch}'
-    if verdicts.doubted:
+    if verdicts.contradicted:
         sentence = (
             f'{path}: {verdicts.findings}. Type: pneunet {arguments.verb} {path} '
             f'{verdicts.options} (or --no-judge-readings if the readings are right)'

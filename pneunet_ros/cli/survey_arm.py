@@ -149,7 +149,7 @@ class SurveyWork:
             'inputs': inputs,
             'versions': versions(),
         }
-        used, tested = investigation.recordings  # less frames that show no equilibrium
+        used, tested = investigation.recordings  # minus the frames without an equilibrium
         content = write_diagnosis(
             diagnosis,
             folder,

@@ -49,7 +49,7 @@ def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequ
     )
 
 
-def reading_doubts(
+def unit_objections(
     table: ReadingTable, arguments: Namespace
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Describe an implausible unit of the pressures in the table; empty if it is plausible.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.table_options import reading_doubts
+from pneunet_ros.cli.table_options import unit_objections
 from pneunet_ros.cli.track_film import film_readings, joined
 from pneunet_ros.cli.track_summary import show, summary_of
 from pneunet_ros.core.errors import CameraError, RequestError
@@ -60,10 +60,10 @@ def track(arguments: Namespace) -> int:
     )
     stream = open_images(arguments.source, request)
     readings = film_readings(arguments, stream)
-    doubts: tuple[str, ...] = ()
+    objections: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
     if readings is not None:
-        doubts, hints = reading_doubts(readings.table, arguments)
+        objections, hints = unit_objections(readings.table, arguments)
     tracker = Tracker(arm=arm, settings=settings)
     tally = TrackTally(targets=arm.target_arclength.size)
     sentences = stream.recording.sentences if stream.recording is not None else ()
@@ -121,7 +121,7 @@ def track(arguments: Namespace) -> int:
             bar.update(task, description='matching film and table')
             run_, found = joined(readings, trackings, arm)
             film.update(found)
-            sentences = (*doubts, *hints, *sentences, *readings.sentences)
+            sentences = (*objections, *hints, *sentences, *readings.sentences)
             if run_ is not None:
                 record_film(stack.enter_context(output_writer(arguments)), run_)
                 for tracking in run_.trackings:
@@ -135,7 +135,7 @@ def track(arguments: Namespace) -> int:
     if film and not film['frames_covered']:
         summary['output'] = None
     verb.present(arguments, summary, lambda console: show(summary, console))
-    done = tally.explained and film.get('frames_covered', 1) and not doubts
+    done = tally.explained and film.get('frames_covered', 1) and not objections
     return verb.DONE if done else verb.NEGATIVE
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from pneunet_ros.cli.quantity_option import KIND_OF_UNIT, quantity_type, seed
 from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.core.printable import printable
-from pneunet_ros.core.progress import heard, OnProgress
+from pneunet_ros.core.progress import OnProgress, reporting_to
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.unit_system import dimensionless, SI, UnitSystem
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -103,7 +103,7 @@ def reading_bar(shown: bool) -> Iterator[None]:
                 stages[stage] = bar.add_task(stage, total=total)
             bar.update(stages[stage], completed=done, total=total)
 
-        with heard(show):
+        with reporting_to(show):
             yield
 
 

@@ -20,9 +20,9 @@ from itertools import takewhile
 from typing import Generic, NamedTuple, TypeVar
 
 Item = TypeVar('Item')
-LONGEST_WAIT_NS = 2_000_000  # ten times what back to back messages need, acceptance/bursts.py
-MOST_MISSED = 2  # messages, of a topic that is still waited for
-EARLIEST = 0.75  # of the last interval of a topic: its next message is not expected before
+LONGEST_WAIT_NS = 2_000_000  # ten times that between consecutive messages, acceptance/bursts.py
+MOST_MISSED = 2  # messages of a topic for which pressures still wait
+EARLIEST = 0.75  # share of the last interval of a topic before which no message is expected
 
 
 class Arrival(NamedTuple, Generic[Item]):
@@ -157,11 +157,11 @@ class ArrivalOrder(Generic[Item]):
             if last is not None and last.stamp_ns == arrival.stamp_ns and is_close:
                 companion.missed = 0
         elif arrival.tie == len(self._companions):
-            for tie in self._due_before(arrival):  # waited for in vain
+            for tie in self._due_before(arrival):  # the message did not arrive in time
                 one = self._companions[tie]
                 one.missed += (
                     one.interval_ns > 0 or not one.last_ns
-                )  # otherwise its time is unknown
+                )  # its time is unknown without a stamp
             for one in self._companions.values():
                 if one.last_ns == arrival.stamp_ns:
                     one.missed = 0

@@ -15,7 +15,7 @@ with a status sentence (`shape.Shape.status`, `shape.Refusal`).
 
 from __future__ import annotations
 
-LONGEST_SENTENCE = 2_000  # characters; what a file says may be quoted, and be megabytes long
+LONGEST_SENTENCE = 2_000  # characters; a sentence may quote megabytes of a file
 
 
 class PneunetError(Exception):

@@ -38,7 +38,7 @@ def open_executor(
             f'the number of workers must be 1 or more, not {workers}', reason='out_of_bounds'
         )
     before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, '1'))  # new processes read it as they start
+    os.environ.update(dict.fromkeys(THREADS, '1'))  # new processes read this when they start
     try:
         context = multiprocessing.get_context('spawn')
         count = workers or os.cpu_count() or 1

@@ -19,7 +19,7 @@ Levels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 Made = TypeVar('Made')
 
-LARGEST_SIDE = 16_384  # px; what claims to be larger is not an image of an arm
+LARGEST_SIDE = 16_384  # px; a larger image is not an image of an arm
 
 
 class Layout(NamedTuple):

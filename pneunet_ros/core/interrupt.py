@@ -10,7 +10,7 @@ import threading
 from types import FrameType
 from typing import Any
 
-_held: list[int] | None = None  # signals that came while something is completed
+_held: list[int] | None = None  # signals that arrived during critical work
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def interrupted_afterwards() -> Iterator[None]:
         yield
     finally:
         if not isinstance(before, Deferrable):
-            # None: a handler that is not of Python, and cannot be set from here.
+            # None: a handler that was not set by Python, and cannot be restored from here.
             signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
         _held = None
         if held:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-# Called with the stage, how much of it is done, and of how much (0: unknown).
+# Called with the stage, the progress in it, and its total (0: unknown).
 OnProgress = Callable[[str, int, int], None]
 
 
@@ -20,11 +20,11 @@ def part_of(on_progress: OnProgress, part: int, parts: int) -> OnProgress:
 
 
 _READING: ContextVar[OnProgress] = ContextVar('reading', default=say_nothing)
-STEP = 1000  # messages or rows from one word to the next
+STEP = 1000  # messages or rows between two reports
 
 
 @contextmanager
-def heard(on_progress: OnProgress) -> Iterator[None]:
+def reporting_to(on_progress: OnProgress) -> Iterator[None]:
     """Send progress reports of reading and writing to a function within this context."""
     token = _READING.set(on_progress)
     try:
@@ -33,6 +33,6 @@ def heard(on_progress: OnProgress) -> Iterator[None]:
         _READING.reset(token)
 
 
-def say_how_far(stage: str, done: int, total: int) -> None:
+def report_progress(stage: str, done: int, total: int) -> None:
     """Report how far reading or writing a file has come."""
     _READING.get()(stage, done, total)

@@ -120,4 +120,4 @@ def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
 
 
 Reading = PressureReading | WrenchReading
-BaseReading = ImuReading | tuple[FrameReading, ...]  # says where gravity points
+BaseReading = ImuReading | tuple[FrameReading, ...]  # gives the direction of gravity

@@ -15,8 +15,8 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seco
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 RESTARTED = 'starts_anew'
-AHEAD = 'ahead'  # of a message whose stamp was wrong, as the next one showed
-LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 32 bits
+AHEAD = 'ahead'  # reason: the stamp of a message was wrong, as the next message showed
+LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # the seconds of a header have 32 bits
 
 
 def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str]:

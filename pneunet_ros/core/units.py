@@ -41,7 +41,7 @@ PRESSURE_UNITS = {
 SI_PER_UNIT: dict[str, dict[str, float]] = {
     'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0, 'h': 3600.0, 'd': 86400.0},
     'pressure': {name.lower(): size for name, size in PRESSURE_UNITS.items()},
-    # A scale that shows g or kg measures the weight of that mass.
+    # A scale in g or kg measures the weight of this mass.
     'force': {
         'n': 1.0,
         'mn': 1e-3,

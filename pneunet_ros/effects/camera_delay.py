@@ -16,7 +16,7 @@ class CameraDelay(Effect):
     name: ClassVar[str] = 'camera_delay'
     place: ClassVar[Place] = 'sensing'
     meaning: ClassVar[str] = 'a frame stamped t shows the arm of t - delay'
-    law_error: ClassVar[float] = 0.1  # invented: clocks drift, and moving frames alone show it
+    law_error: ClassVar[float] = 0.1  # invented: clocks drift, and only moving frames show a delay
     delay: float = quantity(
         0.0,
         unit='s',

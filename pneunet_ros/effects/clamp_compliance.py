@@ -17,7 +17,7 @@ class ClampCompliance(Effect):
     name: ClassVar[str] = 'clamp_compliance'
     place: ClassVar[Place] = 'mechanics'
     meaning: ClassVar[str] = 'the clamp rotates by compliance x M(0)'
-    # A clamp that gives is the stiffer the more it has turned. Invented, of that size.
+    # A compliant clamp becomes stiffer as it rotates. Invented, of that order.
     law_error: ClassVar[float] = 0.1
     compliance: float = quantity(
         0.0,

@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, Part, Place, Terms
 
-WIDTH = 0.02  # s / l, over which the force is spread: narrower than targets show
+WIDTH = 0.02  # s / l over which the force is distributed: narrower than targets can resolve
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +19,7 @@ class Contact(Effect):
     name: ClassVar[str] = 'contact'
     place: ClassVar[Place] = 'mechanics'
     meaning: ClassVar[str] = 'a constant push at a place of the arm, along its normal there'
-    # What touches an arm gives way, slides and comes and goes. Invented, of that size.
+    # An object that touches an arm gives way, slides, comes and goes. Invented, of that order.
     law_error: ClassVar[float] = 0.1
     force: float = quantity(
         0.0,

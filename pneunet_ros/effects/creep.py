@@ -37,7 +37,7 @@ class Creep(Effect):
         source='prior: up to a fifth of the curvature, soft silicone',
     )
     time_constant: float = quantity(
-        60.0,  # any will do while the amplitude is 0, but at 0 s an amplitude could not be seen
+        60.0,  # arbitrary while the amplitude is 0; with 0 s an amplitude would not be observable
         unit='s',
         meaning='time in which the delayed part settles to 1/e; arbitrary if a = 0',
         bounds=(0.0, 1e6),
@@ -48,7 +48,7 @@ class Creep(Effect):
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
         """Return the equilibrium, in which z is the curvature of this pressure."""
-        if len(scale.rows) == 1:  # kappa_p0 at one pressure: it never changes
+        if len(scale.rows) == 1:  # kappa_p0 at a single pressure never changes
             return pressure, 1.0
         row = row_below(scale.rows, pressure)
         above = weight_above(scale.rows, row, pressure)
@@ -65,7 +65,7 @@ class Creep(Effect):
         before, *weights = history
         if seconds > 0.0:
             low, high = min(before, pressure), max(before, pressure)
-            # Beyond its ends the table goes on in a straight line: no bend at the outer rows.
+            # Beyond its ends the table is extrapolated linearly, without a kink at the outer rows.
             stops = [row for row in scale.rows[1:-1] if low < row < high]
             if pressure < before:
                 stops.reverse()

@@ -52,7 +52,7 @@ from pneunet_ros.solver.columns import (
 )
 
 Place = Literal['sensing', 'actuation', 'material', 'mechanics', 'motion']
-# What an effect may implement, by the place it declares.
+# Methods that an effect may implement, by its declared place.
 DEFINES: dict[Place, frozenset[str]] = {
     'sensing': frozenset({'sense', 'see', 'frame_delay'}),
     'actuation': frozenset({'initial', 'actuate', 'in_play', 'history_terms'}),
@@ -62,7 +62,7 @@ DEFINES: dict[Place, frozenset[str]] = {
 }
 METHODS = frozenset().union(*DEFINES.values())
 History = tuple[float, ...]
-NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
+NOTHING, UNITY = 0.0, 1.0  # default of a term
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

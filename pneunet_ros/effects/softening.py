@@ -52,7 +52,7 @@ class Softening(Effect):
 
     def history_terms(self, history: Array, scale: PressureScale) -> Terms:
         """Return the loss of rigidity, which is constant for small changes of pressure."""
-        if scale.top <= 0.0:  # an arm of negative pressures alone is never inflated
+        if scale.top <= 0.0:  # an arm with negative pressures only is never inflated
             return Terms()
         share = np.minimum(np.maximum(history[..., 0] / scale.top, 0.0), 1.0)
         return Terms(rigidity_factor=1.0 - self.loss * share * history[..., 1])

@@ -25,8 +25,8 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import DEFINES, Effect, METHODS, Place
 
-ENTRY_POINTS = 'pneunet_ros.effects'  # the group by which an installed package offers effects
-FOREIGN = (Exception, SystemExit)  # what code of others may raise while it is imported
+ENTRY_POINTS = 'pneunet_ros.effects'  # entry points of installed packages with effects
+FOREIGN = (Exception, SystemExit)  # errors that code of others may raise while it is imported
 
 
 def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
@@ -93,7 +93,7 @@ def module_of(file: Path) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look for their module there
+    sys.modules[name] = module  # dataclasses look up their module there
     try:
         spec.loader.exec_module(module)
     except FOREIGN as error:
@@ -148,7 +148,7 @@ def breach(effect: Any) -> str:
         return f'needs a place, one of {", ".join(get_args(Place))}, not {place!r}'
     if not (isinstance(getattr(effect, 'meaning', None), str) and effect.meaning):
         return 'needs a meaning: what it does, in a few words'
-    parameters = vars(effect).get('__dataclass_params__')  # not those of the class that it extends
+    parameters = vars(effect).get('__dataclass_params__')  # without those of its base class
     if parameters is None or not parameters.frozen:
         return 'must be a dataclass with frozen=True, slots=True and kw_only=True'
     declared = quantities(effect)

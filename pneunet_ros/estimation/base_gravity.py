@@ -96,7 +96,7 @@ class GravitySource:
         """Process readings of frames; invalid rotations are ignored."""
         good = [one for one in readings if is_rotation(one.quaternion)]
         if not self.frame and not any(one.fixed for one in good):
-            good = []  # a moving frame says nothing about an accelerometer on the base
+            good = []  # a moving frame does not give the mounting of an accelerometer on the base
         found = replace(known, frames=known.frames.after(good)) if good else known
         bad = next((one for one in readings if not is_rotation(one.quaternion)), None)
         if bad is None:

@@ -20,9 +20,9 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.settings import tuning
 import scipy
 
-COARSE_FRAMES = 400  # used to look through all delays, before some are looked at closely
-COARSE_STEPS = 4000  # of the first look, at most
-CANDIDATES = 6  # delays of the first look that are looked at closely
+COARSE_FRAMES = 400  # frames used to scan all delays, before some are examined closely
+COARSE_STEPS = 4000  # largest number of delays in the scan
+CANDIDATES = 6  # delays of the scan that are examined closely
 LARGEST_GRID = 100_000  # instants of the table: memory
 CELLS = 4.0  # instants of the table in a frame
 RIDGE = 1e-7  # of the variance: keeps nearly collinear columns solvable
@@ -392,7 +392,7 @@ class DelayFit:
         limit = math.sqrt(2.0) * MOTION * usual[0]
         is_repeated = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
         is_repeated &= np.abs(np.diff(main)) > limit
-        is_repeated &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous picture is off
+        is_repeated &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous image is wrong
         is_repeated &= np.diff(self.time[frames]) < 1.5 * self.period
         return np.asarray(frames[1:][is_repeated])
 

@@ -36,7 +36,7 @@ from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
 import scipy
 
-READINGS = PRESSURE + 1  # errors of a frame that are of its own readings, the first
+READINGS = PRESSURE + 1  # number of errors of a frame due to its own readings; these come first
 LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 FEWEST_FRAMES = 20  # for a verdict
@@ -209,7 +209,7 @@ def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErro
     columns = problem.columns
     scores = np.einsum('tci,tc->ti', problem.shared, rest) @ covariance
     repeated = frames_as_one(scores[:, : columns or unknowns])
-    # What a step is before the frames are known: from the prior, and from their noise.
+    # Covariance of a step before the frames are known: due to the prior and to their noise.
     spread = covariance @ (gram @ gram + repeated * gram) @ covariance
     places = columns + 2 * arm.target_arclength.size
     model_distance, model_observed = distance(model.step[:columns], spread[:columns, :columns])

@@ -44,7 +44,7 @@ class PressureWatch:
         if not settings.judge_readings or record.seconds < FIRST:
             return PressureWatch(record=record)
         since = self.since
-        if self.verdict is not None and self.verdict.doubted:
+        if self.verdict is not None and self.verdict.contradicted:
             since = since.after(reading.stamp_ns, reading.pressure)
         if last is not None and seconds_between(last, reading.stamp_ns) < PERIOD:
             return replace(self, record=record, since=since)
@@ -64,7 +64,7 @@ class PressureWatch:
 
     def refusal(self, stamp_ns: int) -> Refusal | None:
         """Return why the readings cannot be used; None if they can."""
-        if self.verdict is None or not self.verdict.doubted:
+        if self.verdict is None or not self.verdict.contradicted:
             return None
         return Refusal(
             stamp_ns=stamp_ns,

@@ -16,9 +16,9 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps, Stamps
 
-END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
-# What two sides of one run may differ by at most. Invented.
-LONGER = 1.05  # length of one arm over the other's, to the end that each knows
+END = 1e-6  # m; a curve is known this far beyond its last station: rounding of float32
+# Largest differences between two sides of one run. Invented.
+LONGER = 1.05  # ratio of the lengths of both arms, each up to its known end
 STRETCHED = 1.3  # distance of the first and last target, over that along the arm
 OTHER_PRESSURE = 0.1  # root mean square difference of pressures, over their span
 LEAST_PRESSURE = 500.0  # Pa, the same
@@ -56,7 +56,7 @@ class Centerlines:
         known = np.isfinite(chosen).all(axis=(1, 2))
         found = np.full((len(frames), 2, len(arclength)), np.nan)
         if known.any():
-            from scipy.interpolate import CubicSpline  # slow to import, and many need it not
+            from scipy.interpolate import CubicSpline  # slow to import, and rarely needed
 
             found[known] = CubicSpline(self.arclength, chosen[known], axis=2)(arclength)
         return found

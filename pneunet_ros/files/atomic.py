@@ -24,7 +24,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.interrupt import interrupted_afterwards
 from pneunet_ros.core.paths import resolved
 
-# Errors for lack of room: disk full, quota used up, file larger than allowed.
+# Errors due to missing space: disk full, quota used up, file larger than allowed.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 SCRATCH, PARTIAL = '.pneunet-', '.partial'  # prefix and suffix of the name of a scratch folder
 REPLACED = f'{SCRATCH}replaced'  # name there of the folder that is being replaced
@@ -55,7 +55,7 @@ def atomic_output(
     try:
         with interrupted_afterwards():
             output = _open_output(path, overwrite, inputs, tuple(replaceable))
-        with _no_room_said(path):
+        with _full_disk_reported(path):
             yield output.temporary
         with interrupted_afterwards():
             if group is None:
@@ -121,7 +121,7 @@ class _Output:
         if not self.final.is_dir():
             os.replace(self.temporary, self.final)
             return
-        # A folder cannot be renamed onto a filled one: the old one steps aside first.
+        # A folder cannot be renamed onto a folder with content: the old one is moved away first.
         aside = self.scratch / REPLACED
         os.rename(self.final, aside)
         try:
@@ -159,12 +159,12 @@ def _put_in_place(outputs: list[_Output]) -> None:
     for output in outputs:
         output.check()
     for output in outputs:
-        with _no_room_said(output.path):
+        with _full_disk_reported(output.path):
             output.put_in_place()
 
 
 @contextmanager
-def _no_room_said(path: str | Path) -> Iterator[None]:
+def _full_disk_reported(path: str | Path) -> Iterator[None]:
     """Turn a full disk into an error message."""
     try:
         yield
@@ -199,7 +199,7 @@ def _make_scratch(parent: Path) -> tuple[Path, int]:
         scratch = Path(tempfile.mkdtemp(prefix=SCRATCH, suffix=PARTIAL, dir=parent))
         try:
             lock = os.open(scratch, os.O_RDONLY)
-        except FileNotFoundError:  # another run took it for abandoned before it was locked
+        except FileNotFoundError:  # another run removed it as abandoned before it was locked
             continue
         _lock(lock)
         if scratch.exists():
@@ -224,7 +224,7 @@ def _remove_abandoned(parent: Path) -> None:
         except OSError:
             continue
         try:
-            # A folder that was to be replaced waits there where a run was killed in that instant.
+            # If a run was killed at this point, the folder to be replaced is still there.
             if _lock(lock) and not (scratch / REPLACED).exists():
                 shutil.rmtree(scratch, ignore_errors=True)
         finally:
@@ -251,7 +251,7 @@ def _final_place(
                 f'{path} cannot be written: it is a broken link to {final}', reason='unwritable'
             )
         _check_place(path, final, overwrite, inputs, replaceable)
-    except (OSError, ValueError) as error:  # a name that no file can have, a closed folder
+    except (OSError, ValueError) as error:  # an invalid file name, or a folder without permission
         why = getattr(error, 'strerror', None) or error
         raise RecordingError(f'{path} cannot be written: {why}', reason='unwritable') from error
     return final

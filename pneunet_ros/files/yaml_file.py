@@ -21,7 +21,7 @@ from ruamel.yaml.error import YAMLError
 LARGEST_FILE = 1_000_000  # bytes
 LARGEST_CONTENT = 1_000_000  # values, counted as often as aliases repeat them
 DEEPEST = 100  # brackets within brackets
-LARGEST_INTEGER = 10**1000  # Python refuses to write out much longer ones, even in a sentence
+LARGEST_INTEGER = 10**1000  # Python refuses to convert much longer integers to text
 LONGEST_SENTENCE = 600  # characters
 
 Built = TypeVar('Built')
@@ -72,7 +72,7 @@ def parsed(text: str) -> Any:
     """Return the content of a text; callers must not change it."""
     yaml = YAML(typ='safe', pure=True)
     yaml.Constructor = PlainConstructor
-    yaml.composer.warn_double_anchors = False  # YAML allows it: the last one holds
+    yaml.composer.warn_double_anchors = False  # YAML allows this; the last value counts
     return yaml.load(text)
 
 

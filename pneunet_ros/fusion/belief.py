@@ -28,7 +28,7 @@ from pneunet_ros.solver.solution import SolverNodes
 # Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
 CONTACT, FORCE_SENSOR, PRESSURE = 'contact', 'force_sensor', 'pressure'
 MIRRORED, MOTION = 'mirrored', 'motion'
-# They stay when a belief is reset.
+# These remain when a belief is reset.
 LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED, MOTION})
 
 

@@ -47,7 +47,7 @@ STIFFNESS_UNKNOWN = (
 SETUP_PROBLEMS = (
     *(one.sentence for one in CAUSES if one.sentence),
     STIFFNESS_UNKNOWN,
-)  # what to mend there
+)  # the remedy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,7 +186,7 @@ def arm_at(
             pulls = model.pulled(() if wrench is None else state.force.kept, instant.gauge)
             path = path_of(state.pressures, pulls, before.stamp_ns, before.chamber, instant)
         all_causes = None
-        if model.swinging and bent.shape.converged and not model.knows_force(belief):
+        if model.swinging and bent.shape.converged and not model.force_is_known(belief):
             all_causes = causes_with_contact(model.unknowns, causes, bent.contact)
         belief, motion = propagate_swing(model.swinging, before, belief, bent, path, all_causes)
     ratio = 1.0 if state.nis is None else state.nis.birge_ratio(model.settings.frame_gate)
@@ -244,8 +244,8 @@ def likely_alternatives(
 def setup_problems(model: PreparedModel, state: FusionState) -> list[str]:
     """Return sentences about problems of the setup that the user can fix."""
     causes = state.certain_causes
-    said = [one.sentence for one in CAUSES if one.name in causes]
-    return [*said, STIFFNESS_UNKNOWN] if model.stiffness_unknown else said
+    sentences = [one.sentence for one in CAUSES if one.name in causes]
+    return [*sentences, STIFFNESS_UNKNOWN] if model.stiffness_unknown else sentences
 
 
 def contact_at(

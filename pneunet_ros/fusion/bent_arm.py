@@ -77,7 +77,7 @@ def bend_arm(
     )
     rods, perturbation = table.at(pressure, inputs.history, load)
     amounts = changes[PRESSURE:].copy()
-    amounts[0] = 0.0  # the pressure stands in the record already
+    amounts[0] = 0.0  # the record already includes the pressure
     rods = perturbation.moved(rods, amounts)
     pushed = rods if contact is None else with_part_load(rods, contact)
     shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)

@@ -47,8 +47,8 @@ from pneunet_ros.measurement.inference.gaussian import (
 )
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
-RESET_RARITY = 2.0  # times `odds_against`: the log odds against a belief that is all wrong
-Alternative = tuple[HypothesisUpdate, float]  # and its log odds, but for the evidence of the frame
+RESET_RARITY = 2.0  # in units of `odds_against`: log odds against a completely wrong belief
+Alternative = tuple[HypothesisUpdate, float]  # and its log odds without the evidence of the frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,8 +170,8 @@ class CameraCause(Cause):
 
     def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
         """Weigh a rotation that causes no misfit, because a tip force looks similar."""
-        if not model.camera_is_observable or not model.knows_force(belief):
-            return -math.inf  # an undetermined force leaves the turn undetermined too
+        if not model.camera_is_observable or not model.force_is_known(belief):
+            return -math.inf  # with an undetermined force the rotation is undetermined as well
         where, before, after, _ = self.priors(model)
         turn = slice(where.stop - 1, where.stop)
         innocent = np.array([model.settings.turn_tolerance])
@@ -389,7 +389,7 @@ class MotionCause(Cause):
             (first, -RESET_RARITY * model.settings.odds_against),
         ):
             swinging = update_from(model, updated, other)
-            if not swinging.misfits:  # else it is unmodeled noise, not a swing
+            if not swinging.misfits:  # if not, it is unmodeled noise, not a swing
                 yield swinging, earlier
 
 

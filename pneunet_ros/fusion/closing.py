@@ -13,7 +13,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.pressure_search import SCANNED
 
-AS_HARD = 0.05  # share of a force to which it is reached: they are known so, acceptance/grasp.py
+AS_HARD = 0.05  # tolerance of a force: forces are known to this accuracy, acceptance/grasp.py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

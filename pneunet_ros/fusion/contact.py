@@ -26,7 +26,7 @@ from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 
-CONTACT_STARTS = 3  # places from which a contact is sought, the best
+CONTACT_STARTS = 3  # number of best places from which a contact is searched for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +107,7 @@ class PushScores:
         It uses the Laplace approximation.
         """
         std, length = self.freedom
-        anywhere = 12.0 / length**2  # 1 / variance of a place that may be any
+        anywhere = 12.0 / length**2  # 1 / variance of an unknown place
         slide, weighed_slide = (
             self.force * np.gradient(side, self.place, axis=1)
             for side in (self.pushes, self.weighed)
@@ -186,7 +186,7 @@ def find_contacts(
     are local minima of the cost along the arm: weak contacts have several.
     """
     settings, length = problem.settings, problem.table.arm.length
-    if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
+    if fit.trial.residual.size != problem.std.size:  # of all targets, including those left out
         trial = problem.try_at(fit.trial.solved, fit.trial.bent.solution)
         again = None if trial is None else problem.linearize(trial)
         if again is None:
@@ -206,7 +206,7 @@ def find_contacts(
     seen = problem.used.size
     predicted_gain = 2.0 * float(
         scores.gain.max()
-    )  # beyond it nothing is linear, nor is a force's std
+    )  # beyond this the problem is not linear, and a std of the force is meaningless
 
     free = evidence_cost((problem, fit), seen) - 2.0 * settings.odds_against
 

@@ -48,8 +48,8 @@ class ForceSensorFault:
         """Return the reading and the estimate as text."""
         read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
-        said = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
-        return f'ignored: it reads ({read}) N, but the targets give ({said}) N'
+        estimated = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
+        return f'ignored: it reads ({read}) N, but the targets give ({estimated}) N'
 
     @property
     def numbers(self) -> dict[str, list[float | None]]:

@@ -44,8 +44,8 @@ from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotri, dpotrs
 
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
-MOST_STEPS = 12  # of the search of one frame
-MOST_HALVINGS = 6  # of a step that does not lower the cost
+MOST_STEPS = 12  # largest number of steps of the search in a frame
+MOST_HALVINGS = 6  # factor for a step that does not lower the cost
 
 Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]
@@ -450,7 +450,7 @@ class FrameProblem:
         cost is checked.
         """
         step, _ = fit.newton_step()
-        if self.knows_force(fit, self.settings.linear) and self.is_allowed(fit.trial.xi + step):
+        if self.force_is_known(fit, self.settings.linear) and self.is_allowed(fit.trial.xi + step):
             return fit.stepped()
         trial = self.try_at(fit.trial.xi + step, fit.trial.bent.solution)
         if trial is None or trial.cost > fit.cost:
@@ -483,7 +483,7 @@ class FrameProblem:
         unknowns = self.unknowns
         return unknowns.block(Push).load_of(x[unknowns.at(Push)])
 
-    def knows_force(self, fit: FrameLinearization, most: float) -> bool:
+    def force_is_known(self, fit: FrameLinearization, most: float) -> bool:
         """Whether the force is known after the frame, to within `most` of its scale."""
         largest = most * self.unknowns.block(TipForce).scale
         return bool(fit.force[0, 0] + fit.force[1, 1] <= largest**2)

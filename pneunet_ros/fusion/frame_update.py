@@ -17,8 +17,8 @@ from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
 
-START_DIRECTIONS = 8  # of the cold starts, around the circle
-START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, beside no force
+START_DIRECTIONS = 8  # directions of the cold starts, around the circle
+START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, besides zero force
 
 Fit = tuple[FrameProblem, FrameLinearization]
 DERIVATIVE = 1e-3  # of the force scale: step of a derivative
@@ -112,7 +112,7 @@ def take_frame(
     if read or fits or not widely:
         unchecked = None if force_read else tracked
         update = FrameUpdate(belief=None, unchecked=unchecked, settled=force_read)
-    else:  # the force may have jumped; the shape of before may lead nowhere
+    else:  # the force may have jumped, so that the search from the last shape fails
         tracked, ambiguous = search_everywhere(problem, tracked)
         update = FrameUpdate(belief=None, ambiguous=ambiguous, settled=True)
     if tracked is None:
@@ -156,7 +156,7 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
     if best[0] is not problem:  # without some targets
         found = solutions(best[0], compared(best[0], starts)[:most])
     rival = best_rival(best, found)
-    if rival is None:  # all are ends of one search, of which some may have got stuck
+    if rival is None:  # all belong to one minimum, and some searches may have got stuck
         return min([best, *found], key=laplace_cost), False
     gain, margin = gain_over(best, rival), problem.settings.rival
     return (rival, False) if gain > margin else (best, gain > -margin)
@@ -238,7 +238,7 @@ def hold_force(found: Fit) -> Fit:
     problem, fit = found
     if problem.swinging is not None:
         return found if problem.late is None else consider_force(found)
-    if problem.knows_force(fit, problem.settings.determined):
+    if problem.force_is_known(fit, problem.settings.determined):
         return found
     largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
     variances, axes = np.linalg.eigh(fit.force)

@@ -68,13 +68,13 @@ from pneunet_ros.measurement.inference.gaussian import take_measurement
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
-PRESSURES_KEPT = 256  # readings that wait for frames, which come later: memory
-WRENCHES_KEPT = 256  # end wrenches that wait for frames: memory
-MOST_WAITING = 32  # frames that wait for their pressure reading: memory
-NIS_TIME = 2.0  # s, over which the NIS is averaged that diagnostics show
+PRESSURES_KEPT = 256  # readings that wait for frames, which arrive later: limits memory
+WRENCHES_KEPT = 256  # end wrenches that wait for frames: limits memory
+MOST_WAITING = 32  # frames that wait for their pressure reading: limits memory
+NIS_TIME = 2.0  # s, averaging time of the NIS in the diagnostics
 
 Event = Reading | BaseReading | TargetSightings
-NEAR = 3  # readings on either side that tell how the pressure went between two
+NEAR = 3  # readings on either side for the course of the pressure between two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,7 +181,7 @@ class Fusion:
         instant = replace(self.instant_at(state, reading), gravity=gravity)
         position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
         if position.reason == OUT_OF_RANGE:
-            # It is not kept: without a pressure that can be, the camera is alone.
+            # The reading is not kept: without a possible pressure, only the camera is used.
             hint = readings.watch.hint(reading, self.arm, self.sensors)
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
@@ -293,7 +293,7 @@ class Fusion:
         else:
             since_ns = self.model.shown_ns(state.waiting[0] if state.waiting else sightings)
         alone = state.unpressed and not state.pressures
-        gap = state.frame_stamps.before_ns is not None  # the next one says if this one is ahead
+        gap = state.frame_stamps.before_ns is not None  # the next frame shows if this one is ahead
         if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
             if len(state.waiting) == MOST_WAITING:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
@@ -364,7 +364,7 @@ class Fusion:
                 frame_id=self.sensors.frame_id,
             )
             return NearWrench(reading=zero, age=0.0, std=self.arm.sensors.force_std)
-        if not state.force.kept or (with_targets and not self.knows_force_noise(state)):
+        if not state.force.kept or (with_targets and not self.force_noise_is_known(state)):
             return None
         wrench = nearest_to(state.force.kept, stamp_ns)
         age = seconds_since(wrench.stamp_ns, stamp_ns)
@@ -372,16 +372,16 @@ class Fusion:
             return None
         return NearWrench(reading=wrench, age=age, std=self.force_std(state))
 
-    def reads_force_often(self, state: FusionState) -> bool:
+    def force_is_read_often(self, state: FusionState) -> bool:
         """Whether the force is read so often that changes between readings are noise."""
         stamps = [one.stamp_ns for one in state.force.kept[-self.settings.noise_readings :]]
         period = median(np.diff(stamps).astype(np.float64)) if len(stamps) > 1 else 0.0
         return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
 
-    def knows_force_noise(self, state: FusionState) -> bool:
+    def force_noise_is_known(self, state: FusionState) -> bool:
         """Whether the force noise is known, or the readings are too rare to estimate it."""
         has_enough = len(state.force.kept) >= self.settings.fewest_readings
-        return has_enough or not self.reads_force_often(state)
+        return has_enough or not self.force_is_read_often(state)
 
     def force_std(self, state: FusionState) -> float:
         """Return one sigma (N) of the force sensor: that of the model, or a larger estimate."""
@@ -394,7 +394,7 @@ class Fusion:
         An estimate above that of the model stays in use until it is clearly smaller. Noise is not
         estimated from rare readings, because the load itself changes between them.
         """
-        if not self.reads_force_often(state):
+        if not self.force_is_read_often(state):
             return 0.0
         wrenches = state.force.kept[-self.settings.noise_readings :]
         noise = white_std(np.reshape([(one.force_x, one.force_y) for one in wrenches], (-1, 2)))
@@ -450,7 +450,9 @@ class Fusion:
         """Estimate shape and force; with targets, only a wrench that a frame confirmed is used."""
         seen = mode is not Mode.PREDICTION and state.belief is not None and state.belief.frames > 0
         wrench = self.wrench_at(state, instant.stamp_ns, with_targets=seen)
-        checked = state.wrench_used_ns is not None or self.model.trusts_force(state.belief)
+        checked = state.wrench_used_ns is not None or self.model.force_sensor_is_confirmed(
+            state.belief
+        )
         if seen and not checked and not self.settings.free_tip:
             wrench = None
         return estimate_at(self.model, state, instant, wrench, mode, notes)
@@ -459,7 +461,7 @@ class Fusion:
         """Return the state after the pressure is available again."""
         if state.belief is None or not state.belief.unpressed:
             return state
-        state = self.weigh_pending(state)  # of a frame whose pressure nobody had read
+        state = self.weigh_pending(state)  # if the pressure of a frame had not been read
         bank = tuple(
             replace(one, belief=self.with_pressure_read(state, one.belief)) for one in state.bank
         )
@@ -525,12 +527,12 @@ class Fusion:
         if updated.explained:
             rest = state.bank[1:]
             weight = state.bank[0].log_weight if state.bank else 0.0
-            bank = (Hypothesis(belief=self.learned(updated), log_weight=weight), *rest)
+            bank = (Hypothesis(belief=self.belief_after_frame(updated), log_weight=weight), *rest)
             return self.after_frame(replace(state, bank=bank), updated, pending=updated)
         bank, updated = weigh(self.model, state, updated)
         if updated.update.belief is None:
             return self.with_nis(state, updated).count_unused(updated.update.reason, lost=1)
-        return self.after_frame(self.with_learned(state, bank, updated), updated)
+        return self.after_frame(self.with_updated_hypotheses(state, bank, updated), updated)
 
     def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
         """Return a frame with the sensor readings at the time it was taken."""
@@ -542,7 +544,7 @@ class Fusion:
             sightings=sightings,
             instant=self.pressure_at(state, shown_ns),
             alone=not state.pressures
-            or state.pressures[-1].stamp_ns < shown_ns  # it has waited for one in vain
+            or state.pressures[-1].stamp_ns < shown_ns  # no pressure arrived in time
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=wrench,
@@ -589,7 +591,7 @@ class Fusion:
             search=ColdSearch(ambiguous=update.ambiguous) if update.settled else state.search,
         )
 
-    def learned(self, updated: HypothesisUpdate) -> Belief:
+    def belief_after_frame(self, updated: HypothesisUpdate) -> Belief:
         """Return the belief after a frame, with the estimated force walk and moved targets."""
         update, unknowns = updated.update, self.model.unknowns
         if self.model.of(updated.after.causes).swinging is None:
@@ -602,11 +604,11 @@ class Fusion:
             belief = with_outlier_targets(unknowns, self.settings, belief, outliers)
         return belief
 
-    def with_learned(
+    def with_updated_hypotheses(
         self, state: FusionState, bank: tuple[Hypothesis[Belief], ...], best: HypothesisUpdate
     ) -> FusionState:
         """Return the state with the hypotheses updated by a frame, the best one first."""
-        first = replace(bank[0], belief=self.learned(best))
+        first = replace(bank[0], belief=self.belief_after_frame(best))
         return state.with_bank((first, *bank[1:]))
 
     def weigh_pending(self, state: FusionState) -> FusionState:
@@ -624,7 +626,7 @@ class Fusion:
             bank, updated = weigh(self.model, state, pending.updated)
             if updated is not pending.updated:
                 unchecked = updated.update.unchecked
-            state = self.with_learned(state, bank, updated)
+            state = self.with_updated_hypotheses(state, bank, updated)
         if unchecked is not None:
             state = replace(state, search=state.search.looked(unchecked))
         return state.compressed()

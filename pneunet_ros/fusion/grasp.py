@@ -24,7 +24,7 @@ from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 
-FEWEST = 2  # arms that hold something between them
+FEWEST = 2  # fewest arms that can hold an object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,7 +148,7 @@ def touch_of(seen: SeenArm, mount: Mount, inward: Array) -> Touch:
         covariance = estimate.tip_covariance[:2, :2]
     force, force_covariance = np.zeros(2), np.zeros((2, 2))
     pushed = contact is None and seen.is_pushed(side)
-    if contact is not None:  # it may be a force at the tip as well, of about this size
+    if contact is not None:  # the contact may also be a tip force of about this size
         normal = normal_at(fused, contact.arclength)
         force = contact.force * normal
         force_covariance = contact.std_force**2 * np.outer(normal, normal)

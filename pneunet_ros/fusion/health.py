@@ -75,7 +75,7 @@ class FusionHealth(InputHealth):
         errors, dropped = self.problems()
         beyond = [nis.sentence] if nis is not None and nis.beyond else []
         if silent:
-            # What was refused in the meantime is the likely cause; older errors are no news.
+            # A refusal since the last report is the likely cause; older errors were reported.
             return Level.ERROR, '; '.join([self.silence_sentence(now), *dropped])
         if errors:
             return Level.ERROR, '; '.join([*errors, *beyond])

@@ -244,7 +244,7 @@ def propagate_to_frame(
     pulls = model.pulled(frame.pulls, frame.instant.gauge)
     path = path_of(frame.before, pulls, before.stamp_ns, before.chamber, frame.instant)
     all_causes = None
-    if bent.shape.converged and not model.knows_force(propagated):
+    if bent.shape.converged and not model.force_is_known(propagated):
         all_causes = causes_with_contact(model.unknowns, causes, contact)
     advanced, _ = propagate_swing(model.swinging, before, propagated, bent, path, all_causes)
     return replace(advanced, solution=bent.solution if bent.shape.converged else before.solution)

@@ -42,7 +42,7 @@ from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
-FAR = 1e3  # force scales: what reads more says no more
+FAR = 1e3  # force scales: a larger reading has no more information
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -242,11 +242,11 @@ class PreparedModel:
         """Return the covariance (2, 2) N^2 of the tip force."""
         return belief.covariance_of(self.unknowns.at(TipForce))
 
-    def knows_force(self, belief: Belief) -> bool:
+    def force_is_known(self, belief: Belief) -> bool:
         """Whether the tip force is determined."""
         return bool(np.trace(self.force_covariance(belief)) <= self.largest_force_std**2)
 
-    def trusts_force(self, belief: Belief | None) -> bool:
+    def force_sensor_is_confirmed(self, belief: Belief | None) -> bool:
         """Whether frames have confirmed offset and gain of the force sensor, to a tolerance."""
         if belief is None or FORCE_SENSOR in belief.causes:
             return False
@@ -259,7 +259,7 @@ class PreparedModel:
         ):
             value, std = without_prior(belief, which, before)
             if std >= limit or abs(value) > limit:
-                return False  # a straight arm barely observes it, and not linearly
+                return False  # a straight arm barely determines it, and not linearly
         return True
 
     @property

@@ -25,7 +25,7 @@ from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.modes import modes_of
 from pneunet_ros.solver.swing import Swing
 
-SMALLEST = 1e-30  # m^2, of a tip that is known
+SMALLEST = 1e-30  # m^2, variance of a tip that counts as known
 
 
 def propagate_swing(
@@ -53,7 +53,7 @@ def propagate_swing(
     advanced, reference, motion = arm.advance(
         known, propagated, bent.solution, propagated.stamp_ns, path, turning
     )
-    if not np.isfinite(reference.left_out).all():  # no such arm can be followed
+    if not np.isfinite(reference.left_out).all():  # such an arm cannot be followed
         return replace(arm.with_restarted_swing(propagated), reference=None), None
     return replace(advanced, reference=reference), motion
 

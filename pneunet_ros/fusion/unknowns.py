@@ -25,8 +25,8 @@ from pneunet_ros.measurement.swinging_arm import motion_block
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.perturbation import PerturbationTable
 
-START = 0.1  # of the length, that a tip may swing where a fusion begins: convention
-STIFFNESS_SHARE = 0.5  # of the stiffness that is missing with a model error of size 1; invented
+START = 0.1  # initial swing of the tip over the length: convention
+STIFFNESS_SHARE = 0.5  # relative error of the stiffness at a model error of size 1; invented
 
 
 def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:

@@ -33,7 +33,7 @@ from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
 
-FREE = 2.0  # chi squared by which a frame fits better, on average, with a force that is free
+FREE = 2.0  # average reduction of the chi squared of a frame by a free force
 
 
 def is_copy(model: PreparedModel, seen: SeenFrame, frame: ReadFrame) -> bool:
@@ -102,7 +102,7 @@ def weigh(
         if should_test_causes(model, best[0], weighed, touches):
             weighed += cause_alternatives(model, state, weighed, best)
     likeliest, _ = best_of(weighed)
-    if likeliest.update.belief is None:  # nothing explains it: it says nothing
+    if likeliest.update.belief is None:  # no hypothesis fits: no information
         return state.bank or (leading,), updated
     weights = log_weights(model, weighed, max(likeliest.cost_per_coordinate, 1.0))
     after = [with_estimated_walk(model, one) for one, _ in weighed]
@@ -197,7 +197,7 @@ def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:
         belief.touched
         and read
         and not model.settings.free_tip
-        and not model.trusts_force(updated.before)
+        and not model.force_sensor_is_confirmed(updated.before)
     )
 
 
@@ -214,7 +214,7 @@ def contact_alternatives(
         if known or CONTACTS.is_sure(model, updated):
             return []
     elif any(one.before.touched and not one.misfits for one, _ in weighed):
-        return []  # it is where it was
+        return []  # at the same place as before
     return with_cause(model, CONTACTS, best)
 
 

@@ -241,7 +241,7 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
         change = shape.points([push.place])[2][:, 0] - heading
         if np.abs(change).max() < TURNED:
             return shape
-        # The secant to where the arm would be as the push points; at first the arm itself.
+        # Secant method on the heading of the push; it starts at the heading of the arm.
         slope = np.where(heading == previous_heading, 1.0, (previous_change - change) / np.where(
             heading == previous_heading, 1.0, heading - previous_heading))  # fmt: skip
         slope = np.where(slope > 0.0, slope, 1.0)
@@ -269,7 +269,7 @@ def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     touching = gap > 0.0
     if not touching.any():
         return free
-    # The less the arm gives way, the harder the push, up to that of an arm that does not at all.
+    # The stiffer the arm, the larger the push, up to that of a rigid arm.
     low, high = np.zeros(gap.size), peg.stiffness * np.maximum(gap, 0.0)
     bending = 3.0 * chain.rigidity.min(axis=1) / max(peg.place, chain.element) ** 3
     push = np.where(touching, np.maximum(gap, 0.0) / (1.0 / peg.stiffness + 1.0 / bending), 0.0)

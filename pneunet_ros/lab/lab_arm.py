@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 
-CAP_BEGINS = 1e-9  # of half the length, beyond the soft end
+CAP_BEGINS = 1e-9  # relative to half the length, beyond the soft end
 VARIATION = 0.15  # largest relative change of a parameter of the arm by a seed
 
 

@@ -17,7 +17,7 @@ from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.chain import Chain
 from pneunet_ros.lab.lab_arm import LabArm
 
-Past = tuple[float, ...]  # what an effect remembers
+Past = tuple[float, ...]  # memory of an effect
 RICHNESS = quantity(
     0.0, unit='-', meaning='departure from the plain law: 0 plain, 1 rich', bounds=(0.0, 2.0)
 )

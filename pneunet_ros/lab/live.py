@@ -38,7 +38,7 @@ from pneunet_ros.lab.simulation import (
 )
 
 OUTLINE = 57  # stations of the outline of the arm
-# The camera looks squarely at the working plane; config/lab_camera.yaml says where it is.
+# The camera is perpendicular to the working plane; its pose is in config/lab_camera.yaml.
 SCENE: Final = Scene(
     camera=looking_down(
         width=640,

@@ -205,7 +205,7 @@ def paired(joints: Array) -> Array:
     return result
 
 
-def refuse_what_mujoco_cannot(chain: Chain) -> None:
+def refuse_unsupported_effects(chain: Chain) -> None:
     """Raise RequestError for effects that hinges in MuJoCo cannot represent."""
     refused = {
         'extensibility': chain.axial_compliance > 0.0,
@@ -235,7 +235,7 @@ class Run:
         self.link = arm.length / self.links
         self.turning = any(motion.turn_angle)
         chain = chain_at(np.zeros(1))
-        refuse_what_mujoco_cannot(chain)
+        refuse_unsupported_effects(chain)
         self.has_clamp_hinge = chain.clamp_compliance > 0.0
         self.hinges = Hinges(chain, self.links)
         root = mjcf_tree(self.hinge_chain())
@@ -318,7 +318,7 @@ class Run:
 
         def loads() -> None:
             self.set_loads(chain, 0)
-            if self.turning:  # nothing else holds the base
+            if self.turning:  # otherwise the base would be free
                 self.data.qfrc_applied[0] = -HOLD * (self.data.qpos[0] - base)
 
         come_to_rest(self.model, self.data, loads)

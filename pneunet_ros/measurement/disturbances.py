@@ -22,7 +22,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
 import scipy
 
-PATH_NODES = 9  # of the camera path in one recording, linear in between
+PATH_NODES = 9  # nodes of the camera path in a recording, linear in between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 RUN_UNKNOWNS = 2 * PATH_NODES + LOADS  # unknowns of one recording

@@ -44,7 +44,7 @@ from pneunet_ros.solver.swing import (
     widen,
 )
 
-SHAPES = 2  # with 3 the tip is up to 0.06 mm nearer to MuJoCo, at three times the cost
+SHAPES = 2  # with 3 shapes the tip is up to 0.06 mm closer to MuJoCo, at three times the cost
 # What links and shapes leave out: relative error of frequency^2, of damping and, per swing of the
 # tip, of each shape. Measured: with it 97 % and more of the tips lie in their ellipse of 95 % in
 # MuJoCo, while they swing after steps of 20 to 40 kPa by up to 90 mm.
@@ -54,7 +54,7 @@ WITHIN_95 = 1.96  # standard deviations, 95 % of a normal error
 # rubber (0.05 to 0.3, by hardness and frequency), and its weight as a model file has it.
 LOSS_FACTOR, LOSS_FACTOR_ERROR, WEIGHT_ERROR = 0.15, 0.7, 0.2
 STEP = 1.0  # of the integration, per shortest time of the motion; it is stable up to 2.8
-MOST_STEPS = 2000  # between two readings: after a longer gap nobody knows how the arm swings
+MOST_STEPS = 2000  # between two readings: after a longer gap the swing of the arm is unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -414,7 +414,7 @@ def rates_about(
 
     The projection (shapes, links) gives the q for rotations of the links.
     """
-    bends = np.cumsum(moment * links.compliance, axis=1)  # turns of links per q
+    bends = np.cumsum(moment * links.compliance, axis=1)  # rotations of links per q
     inertia = bends @ mass_matrix(links, masses)
     gram = inertia @ bends.T
     slowed, none = np.linalg.inv(gram), np.zeros_like(gram)

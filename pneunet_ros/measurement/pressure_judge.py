@@ -142,7 +142,7 @@ class PressureJudgeSettings(JudgeSettings):
 
 JUDGE = PressureJudgeSettings()
 USUAL_UNITS = ('Pa', 'hPa', 'kPa', 'bar', 'psi')
-RARE_UNITS = ('MPa', 'mmHg')  # all others are close to one of these, or are named by their users
+RARE_UNITS = ('MPa', 'mmHg')  # all others are close to one of these, or are stated by users
 LEAST = 1e-300  # smallest number with a finite logarithm
 FULL_VACUUM = 1.0e5  # Pa below the atmosphere: no lower pressure is possible
 IMPOSSIBLE = -1e6  # log likelihood of an impossible reading
@@ -316,7 +316,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
     @property
     def model_mismatch(self) -> str:
         """Report readings that need another model; empty if this one fits."""
-        if self.doubted or not self.is_other_actuator:
+        if self.contradicted or not self.is_other_actuator:
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0
         return (
@@ -520,7 +520,7 @@ def log_likelihood(
     constant = features.constant
     near_zero = normal(max(-low, high) / settings.offset) * constant
     resting = 0.0 if features.moves else settings.at_rest * log_uniform * near_zero
-    least = settings.offset  # a calibration holds its zero error
+    least = settings.offset  # a calibration contains its zero error
     wrong_side = max(
         -low if expected.low > -least else 0.0, high if expected.high < least else 0.0
     )

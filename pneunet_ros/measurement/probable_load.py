@@ -23,7 +23,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
 ROUNDS = 2  # Gauss-Newton steps; after them the model is linear within the remaining error
-DIRECTIONS = 8  # of the force, in which another equilibrium is searched for
+DIRECTIONS = 8  # directions of the force in which another equilibrium is searched for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

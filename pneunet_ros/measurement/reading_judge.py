@@ -52,7 +52,7 @@ class ReadingVerdict(Generic[Meaning]):
     limit: float
 
     @property
-    def doubted(self) -> bool:
+    def contradicted(self) -> bool:
         """Whether the declared convention is almost certainly wrong."""
         return self.log_odds > self.limit
 

@@ -172,7 +172,7 @@ class WrenchVerdict(ReadingVerdict[WrenchConvention]):
     frame: str = ''
 
     @property
-    def doubted(self) -> bool:
+    def contradicted(self) -> bool:
         """Whether the declared convention is almost certainly wrong."""
         return bool(self.frame) or self.log_odds > self.limit
 

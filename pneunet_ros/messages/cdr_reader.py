@@ -16,8 +16,8 @@ from pneunet_ros.messages.base_frames import IMU_TYPE
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 
-LITTLE_ENDIAN = b'\x00\x01'  # how the encapsulation begins
-PADDING = 3  # bytes that may follow
+LITTLE_ENDIAN = b'\x00\x01'  # beginning of the encapsulation
+PADDING = 3  # bytes of padding that may follow
 BODY = 4  # bytes of encapsulation; fields are aligned from there
 TIME, LENGTH = struct.Struct('<iI'), struct.Struct('<I')
 TWO, SIX = struct.Struct('<2d'), struct.Struct('<6d')
@@ -86,7 +86,7 @@ def read_points(raw: bytes) -> tuple[Any, int]:
         row_step=row_step,
         data=memoryview(raw)[begin : begin + size],
     )
-    return message, begin + size + 1  # whether it is dense is not read
+    return message, begin + size + 1  # is_dense is not read
 
 
 READERS: dict[str, Callable[[bytes], tuple[Any, int]]] = {
@@ -104,7 +104,7 @@ def read_message(raw: bytes, type_name: str) -> Any | None:
         return None
     try:
         message, end = reader(raw)
-    except (ValueError, IndexError, struct.error):  # text that is none is a ValueError
+    except (ValueError, IndexError, struct.error):  # invalid text raises a ValueError
         return None
     return message if end <= len(raw) <= end + PADDING else None
 

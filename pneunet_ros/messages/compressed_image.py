@@ -42,7 +42,7 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
     LARGEST_SIDE or an area above LARGEST_AREA, and for truncated or damaged images.
     """
     head = data[: len(PNG)].tobytes()
-    # Some cameras fill their messages up with zeros.
+    # Some cameras pad their messages with zeros.
     tail = data[-4096:].tobytes().rstrip(b'\0')
     if head.startswith(JPEG):
         kind, (width, height), is_complete = 'jpeg', jpeg_size(data), tail.endswith(JPEG_END)
@@ -66,8 +66,8 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
         )
     if not is_complete:
         raise MessageError(f'a {kind} is cut off after {data.size} bytes', reason='cut_off')
-    pixels, complaint = decode_heard(data, colored=colored)
-    damage = _DAMAGE.search(complaint)
+    pixels, messages = decode_with_messages(data, colored=colored)
+    damage = _DAMAGE.search(messages)
     if damage:
         raise MessageError(
             f'a {kind} is damaged: {damage.group().decode(errors="replace")}', reason='damaged'
@@ -77,24 +77,24 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
     return eight_bits(pixels)
 
 
-def decode_heard(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
+def decode_with_messages(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
     """Decode an image file by OpenCV; returns the image (or None) and the decoder's messages.
 
     The messages are not printed. The image is as stored: a rotation that a camera app noted in the
     file is ignored, because camera_info ignores it as well.
     """
-    import cv2  # readings have no use for it
+    import cv2  # readings do not use it
 
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     flags |= cv2.IMREAD_COLOR if colored else 0
-    with tempfile.TemporaryFile() as complaints:
-        with _stderr_into(complaints.fileno()):
+    with tempfile.TemporaryFile() as messages:
+        with _stderr_into(messages.fileno()):
             try:
                 pixels = cv2.imdecode(data, flags)
             except cv2.error:
                 pixels = None
-        complaints.seek(0)
-        return pixels, _of_decoders(complaints.read())
+        messages.seek(0)
+        return pixels, _of_decoders(messages.read())
 
 
 def jpeg_size(data: Bytes) -> tuple[int, int]:
@@ -143,9 +143,9 @@ def _stderr_into(file: int) -> Iterator[None]:
         os.close(stderr)
 
 
-def _of_decoders(complaints: bytes) -> bytes:
+def _of_decoders(messages: bytes) -> bytes:
     """Return the messages of the decoders; pass on the output of other code."""
-    remaining = _BY_DECODERS.sub(b'', complaints)
+    remaining = _BY_DECODERS.sub(b'', messages)
     if remaining:
         os.write(2, remaining)
-    return b''.join(_BY_DECODERS.findall(complaints))
+    return b''.join(_BY_DECODERS.findall(messages))

@@ -29,7 +29,7 @@ ADD, DELETE = 0, 2
 ARM_WIDTH, TARGET_SIZE = 0.006, 0.003  # m
 FORCE_SCALE = 0.12  # m of arrow per newton
 SHAFT, HEAD, HEAD_LENGTH = 0.0015, 0.004, 0.006  # m
-LIFETIME = 1  # s; after that an arm that is not estimated any more is not shown either
+LIFETIME = 1  # s; an arm that is no longer estimated disappears after this time
 
 WHITE = (1.0, 1.0, 1.0, 1.0)
 FORCE_COLOR = (0.95, 0.75, 0.1, 1.0)

@@ -247,7 +247,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
             reason='wrong_targets',
         )
     ids = points['id'].tolist()
-    if ids != list(range(points.size)):  # they may come in any order
+    if ids != list(range(points.size)):  # the points may be in any order
         order = sorted(range(points.size), key=ids.__getitem__)
         points = points[order]
         if points['id'].tolist() != list(range(points.size)):
@@ -397,7 +397,7 @@ FIXED_FRAMES, FRAMES = (
     )
     for name in ('tf_static', 'tf')
 )
-# In the order of ties. What the pressure makes an estimate of stands before it.
+# In the order of ties: the inputs of an estimate precede the pressure, which triggers it.
 OF_ESTIMATOR: tuple[Input[Any], ...] = (
     FIXED_FRAMES,
     FRAMES,

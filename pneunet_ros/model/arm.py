@@ -61,7 +61,7 @@ from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
 SEEN_STEP = 1e-5  # of the reach: of central differences of what effects of the camera do
-UNSEEN_STEPS = 4  # of Newton, which is quadratic, and exact at once for what is linear
+UNSEEN_STEPS = 4  # steps of Newton's method, which converges quadratically, and at once if linear
 RIGID = 1e9  # times as stiff as the section before is the cap
 # Blocks of the model file whose numbers can be moved.
 MOVABLE = ('intrinsic_curvature', 'moment_law', 'effects', 'sensors', 'gravity', 'motion')
@@ -157,7 +157,7 @@ class Arm:
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
-        if low == high:  # tables of one row: no other pressure is known
+        if low == high:  # tables with one row: no other pressure is known
             low, high = low - ONE_PRESSURE, high + ONE_PRESSURE
         scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
         object.__setattr__(self, 'scale', scale)
@@ -174,7 +174,7 @@ class Arm:
         self._take_domain()
         object.__setattr__(self, 'table', self.build_table())
         if self.covariance is not None:
-            self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
+            self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # they must exist
             placement = self.covariance.placement
             if placement is not None and placement.mean.size != 2 * targets.size:
                 raise ModelError(
@@ -461,7 +461,7 @@ class Arm:
         M (N m), for effects that depend on them; None: no load. gravity (n, 2): along x and y, in
         g; None: as in the model.
         """
-        pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
+        pressure = frozen_array(pressure)  # kernels would be compiled again for writable arrays
         sections, rotation = self.table.at(pressure)
         clamp = np.tile(self.clamp_record, (pressure.size, 1))
         if gravity is not None:

@@ -120,7 +120,7 @@ def solve_many(
     converged = inside & (residual <= ACCEPTED) & fine & (missed <= SOLVER.turn_per_panel)
     converged &= np.isfinite(fields[THETA]).all(axis=1)
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
-    converged &= ~rods.push.any(axis=(1, 2))  # pushes that turn with the arm are solved for alone
+    converged &= ~rods.push.any(axis=(1, 2))  # pushes that rotate are solved one by one
     residual = np.maximum(residual, missed)
     for index in np.flatnonzero(~converged).tolist():
         shape = solve_alone(arm, rods.record(index), loads[index], start, arclength)

@@ -43,7 +43,7 @@ def hinge_chain(
     """
     pressure = table_pressures(arm)
     rods = arm.rods(pressure)
-    refuse_what_hinges_cannot(arm, rods)
+    refuse_unsupported_loads(arm, rods)
     borders = np.linspace(0.0, arm.length, links + 1)
     sections = spans(rods, borders)
     stretch_per_moment = sections / rods.sections[:, None, :, RIGIDITY]
@@ -83,7 +83,7 @@ def table_pressures(arm: Arm) -> Array:
     return freeze(np.union1d(rows, np.linspace(rows[0], rows[-1], ROWS + 1)))
 
 
-def refuse_what_hinges_cannot(arm: Arm, rods: Rods) -> None:
+def refuse_unsupported_loads(arm: Arm, rods: Rods) -> None:
     """Raise RequestError if the rod stretches, or has loads that hinges cannot represent."""
     soft = rods.sections[:, : rods.sections.shape[1] - bool(arm.tip_cap)]
     everywhere = soft[:, :, [LOAD_X, LOAD_Y, CUBIC]]

@@ -137,10 +137,10 @@ class TipSearch:
 
     def descend(self, guess: Shape) -> Shape:
         """Run Levenberg-Marquardt on the tip, among shapes with the stability of the guess."""
-        from scipy.optimize import least_squares  # slow to import, and few ask for a tip
+        from scipy.optimize import least_squares  # slow to import, and rarely needed
 
         best = latest = guess
-        lost = np.full(2, self.tip_error(guess) + self.arm.length)  # no step leads there
+        lost = np.full(2, self.tip_error(guess) + self.arm.length)  # no step reaches the tip
 
         def fits(force: Array) -> bool:
             nonlocal best, latest

@@ -110,7 +110,7 @@ def nearest(
             f'no shape at any pressure within the calibrated range: {at(low).status}',
             reason='no_equilibrium',
         )
-    from scipy.optimize import minimize_scalar  # slow to import, and few ask for a pressure
+    from scipy.optimize import minimize_scalar  # slow to import, and rarely needed
 
     sides = grid[max(best - 1, 0)], grid[min(best + 1, SCANNED - 1)]
     at(grid[best])

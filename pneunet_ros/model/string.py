@@ -13,8 +13,8 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve, tip_jacobian
 from pneunet_ros.model.shape import Shape
 
-MOST_STEPS = 30  # of Newton, in all
-LEAST_TENSION = 1.0 / 64.0  # by which it is increased, of all of it
+MOST_STEPS = 30  # total number of Newton steps
+LEAST_TENSION = 1.0 / 64.0  # initial step of the tension, relative to all of it
 EXACT = 1e-9  # of the tension
 
 

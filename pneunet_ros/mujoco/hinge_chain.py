@@ -167,7 +167,7 @@ def add_link(body: ElementTree.Element, chain: HingeChain, start: float, end: fl
     if length <= 0.0:
         return
     mass = chain.mass * length / chain.length
-    # No hinge turns about the axis of a link: there, too, the inertia is that across.
+    # No hinge rotates about the axis of a link: the transverse inertia is used there as well.
     inertia = numbers([max(mass * length**2 / 12.0, LEAST_INERTIA)] * 3)
     middle = numbers([0.5 * length, 0.0, 0.0])
     ElementTree.SubElement(body, 'inertial', pos=middle, mass=numbers([mass]), diaginertia=inertia)
@@ -203,7 +203,7 @@ def add_tip(body: ElementTree.Element, chain: HingeChain) -> None:
         add_capsule(body, chain, soft_end, soft_end + chain.tip_cap)
     if chain.tip_mass > 0.0:
         heavy = ElementTree.SubElement(body, 'body', name='tip_mass', pos=tip)
-        # MuJoCo knows no point mass: a sphere a hundredth of a link across turns like one.
+        # MuJoCo has no point mass: a sphere with a hundredth of a link's length is almost one.
         size = 1e-2 * chain.length / chain.hinge.size
         inertia = numbers([max(0.4 * chain.tip_mass * size**2, LEAST_INERTIA)] * 3)
         mass = numbers([chain.tip_mass])

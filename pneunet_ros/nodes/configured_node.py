@@ -55,9 +55,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     """
 
     INFO_TOPIC: ClassVar[str] = 'model_info'
-    # s: messages of other nodes that arrive so much later still have their turn before.
+    # s: messages of other nodes that arrive up to this much later are processed first.
     PATIENCE: ClassVar[float] = 0.0
-    SHARED_INPUTS: ClassVar[tuple[str, ...]] = ()  # on which several may publish
+    SHARED_INPUTS: ClassVar[tuple[str, ...]] = ()  # topics with several publishers
 
     def __init__(
         self,

@@ -38,7 +38,7 @@ from rclpy.utilities import remove_ros_args
 PERIOD = 0.02  # s, between commands
 PATIENCE = 30.0  # s, to wait for readings and for a subscriber to the commands
 REST = 3.0  # s at the first corner, before the recording begins
-DEPTH = 200  # messages that may wait
+DEPTH = 200  # depth of the queues
 DONE, WRONG_REQUEST = 0, 2
 
 
@@ -174,7 +174,7 @@ def main() -> int:
         try:
             run_experiment(node, Path(path))
         finally:
-            node.vent()  # also after an error or Ctrl-C
+            node.vent()  # even after an error or Ctrl-C
             node.destroy_node()
     except KeyboardInterrupt:
         return 130

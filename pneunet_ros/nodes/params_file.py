@@ -21,7 +21,7 @@ def check_names_some(path: str | Path, nodes: Sequence[str]) -> None:
     """Raise RequestError if a file has parameters for none of these nodes (full names)."""
     try:
         names = _names_in_file(path)
-    except PneunetError:  # ROS reads the file, and says itself what it does not like
+    except PneunetError:  # ROS reads the file as well and reports its errors
         return
     if not any(_matches(name, node) for name in names for node in nodes):
         raise RequestError(
@@ -45,7 +45,7 @@ def missed_node(path: str | Path, node: str) -> str:
     """Report that a file names a node (full name) only in other namespaces, else return ''."""
     try:
         names = _names_in_file(path)
-    except PneunetError:  # ROS has read the file, and says itself what it does not like
+    except PneunetError:  # ROS has read the file and reported its errors
         return ''
     base_name = node.rpartition('/')[2]
     same_base = [name for name in names if name.rpartition('/')[2] == base_name]

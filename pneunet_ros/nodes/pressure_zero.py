@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 SPAN = 1.0  # s of pressure readings that are averaged
-MOST_READINGS = 1000  # largest number of kept readings
+MOST_READINGS = 1000  # largest number of readings that are kept
 
 
 class PressureZero:

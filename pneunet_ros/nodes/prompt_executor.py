@@ -28,13 +28,13 @@ from rclpy.signals import SignalHandlerGuardCondition
 
 FOREVER = -1  # ns
 NEVER = 2**63  # ns
-SERVICE_NS = 1_000_000  # to wait for a service takes up to 35 us: 3 % of the time
+SERVICE_NS = 1_000_000  # waiting for a service takes up to 35 us: 3 % of the time
 # Messages are called back for so long before others are looked for or less urgent work goes on, or
 # for this multiple of how long looking took, or that work since its last pause.
 LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
-POLL_NS, POLLS = 20_000_000, 4  # how often, and how far, rclpy looks after a node that is polled
-PAUSE_NS = 1_000_000  # from one look for more urgent messages to the next: looking takes a tenth
-LONG_NS = 5_000_000  # of a callback, after which others are as urgent: two of the usual frames
+POLL_NS, POLLS = 20_000_000, 4  # how often, and for how long, rclpy serves a node that is polled
+PAUSE_NS = 1_000_000  # between two checks for more urgent messages: a check takes a tenth of this
+LONG_NS = 5_000_000  # after this time of a callback others are equally urgent: two usual frames
 Call = Callable[[], None]
 Result = TypeVar('Result')
 
@@ -88,7 +88,7 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
 
     def add(self, callback: Callable[..., None], message: Any, info: Mapping[str, int]) -> None:
         """Queue a received message."""
-        # Not every middleware says when it received a message.
+        # Not every middleware states when it received a message.
         at_ns = info['received_timestamp'] or info['source_timestamp']
         call = partial(callback, message, info)
         self.order.add(self.topic, min(at_ns, time.time_ns()), header_stamp(message), call)
@@ -115,7 +115,7 @@ class Queue:
         if self.is_full():
             return
         found = True
-        while found:  # until no message came meanwhile: it may be older than those received
+        while found:  # until no message arrived meanwhile: it may be older than those received
             found, self.until_ns = False, time.time_ns()
             for item in self.subscriptions:
                 while item.callback_group.take_from(item):
@@ -176,7 +176,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._timers: list[Any] = []
         self._timer_nodes: list[Any] = []  # the node of each timer
         self._services: list[Any] = []
-        self._polled = False  # whether some node is
+        self._polled = False  # whether any node is polled
         self._settling: list[Any] = []  # nodes that defer work until no message waits
         self._wait_sets: dict[bool, Any] = {}
         self._prompt_until_ns = self._services_due_ns = self._pause_ns = 0
@@ -266,7 +266,7 @@ class PromptExecutor(SingleThreadedExecutor):
         any_called, more = self.call_in_turn(self._queues, end_ns)
         if more and all_arrived:
             self.call_arrived(self._queues)
-        elif more:  # their turn is next
+        elif more:  # these come next
             self._due_ns = now_ns
         return any_called
 

@@ -71,7 +71,7 @@ class EstimatePublisher(Generic[Result]):
         due = self._due[name]
         if now < due:
             return False
-        # A step from when it was due keeps the rate, unless nothing was wanted for a while.
+        # Counting from the due time keeps the rate, unless there was a pause.
         period = 1.0 / self.centerline_rate
         self._due[name] = due + period if now - due < period else now + period
         return True

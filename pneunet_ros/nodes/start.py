@@ -52,7 +52,7 @@ def _run(names: tuple[str, ...], usage: str, arguments: list[str]) -> int:
         print(f'{names[0]}: ROS 2 is not available: {GET_ROS}', file=sys.stderr)
         return WRONG
     if not {'-h', '--help'} & set(arguments[1:]):
-        # A logger of ROS comes with rclpy, and that only after seconds on a slow computer.
+        # The loggers of ROS need rclpy, whose import takes seconds on a slow computer.
         print(f'[INFO] [{", ".join(names)}]: loading', file=sys.stderr, flush=True)
     if {'virtual_arm', 'virtual_gripper'} & set(names):
         import_module('pneunet_ros.lab.live')

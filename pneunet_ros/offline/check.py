@@ -62,11 +62,11 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
         )
     except RecordingError:
         verdicts = NO_VERDICTS  # the sentences report the reason
-    about = doubts(series, request, verdicts)
-    sentences = [*about, *sentences] if verdicts.doubted else [*sentences, *about]
+    about = implausible_readings(series, request, verdicts)
+    sentences = [*about, *sentences] if verdicts.contradicted else [*sentences, *about]
     run = run_reader(recording, request)
     motion = None
-    with suppress(PneunetError):  # why it is none is said of its uses
+    with suppress(PneunetError):  # the reason is given with the uses
         motion = frames_in_motion([run()], request.arm)
     if motion is not None:
         sentences = [f'{motion.sentence}{proposed(request.arm)}', *sentences]
@@ -191,11 +191,11 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
     ]
 
 
-def doubts(
+def implausible_readings(
     series: Mapping[str, ReadingSeries], request: UseRequest, verdicts: Verdicts
 ) -> list[str]:
     """Describe readings that are implausible for this arm."""
-    if verdicts.doubted:
+    if verdicts.contradicted:
         return [f'{verdicts.findings}: give {verdicts.options} to every verb']
     if verdicts.model_mismatch:
         return [verdicts.model_mismatch]

@@ -98,10 +98,12 @@ class Verdicts:
     wrench: WrenchVerdict | None = None
 
     @property
-    def doubted(self) -> dict[str, Verdict]:
+    def contradicted(self) -> dict[str, Verdict]:
         """Verdicts by sensor that almost certainly contradict the declaration."""
         found = {PRESSURE.name: self.pressure, END_WRENCH.name: self.wrench}
-        return {name: item for name, item in found.items() if item is not None and item.doubted}
+        return {
+            name: item for name, item in found.items() if item is not None and item.contradicted
+        }
 
     @property
     def model_mismatch(self) -> str:
@@ -111,12 +113,12 @@ class Verdicts:
     @property
     def findings(self) -> str:
         """Describe the likely interpretation of the readings that contradict their declaration."""
-        return '; '.join(f'{name} is {item.finding}' for name, item in self.doubted.items())
+        return '; '.join(f'{name} is {item.finding}' for name, item in self.contradicted.items())
 
     @property
     def options(self) -> str:
         """Return the command-line options for this interpretation of the readings."""
-        return ' '.join(item.options for item in self.doubted.values())
+        return ' '.join(item.options for item in self.contradicted.values())
 
     @property
     def summary(self) -> dict[str, object]:
@@ -125,10 +127,10 @@ class Verdicts:
         return {
             name: {
                 'declared': item.declared.words,
-                'likely': (item.other if item.doubted else item.declared).words,
+                'likely': (item.other if item.contradicted else item.declared).words,
                 'log_odds': item.log_odds,
-                'doubted': item.doubted,
-                'settings': item.changes if item.doubted else {},
+                'contradicted': item.contradicted,
+                'settings': item.changes if item.contradicted else {},
             }
             for name, item in found.items()
             if item is not None
@@ -160,7 +162,7 @@ def judge_recording(
     read_settings = replace(settings, wrench_frame=frame) if frame else settings
     series = readable_series(recording, arm, read_settings, overrides)
     pressure = judge_pressure_series(series, arm, settings, own_model=own_model)
-    trusted = pressure is None or not pressure.doubted
+    trusted = pressure is None or not pressure.contradicted
     wrench = judge_wrench_series(series, arm, settings, targets_usable=trusted)
     if not frame:
         return Verdicts(pressure=pressure, wrench=wrench)
@@ -169,7 +171,7 @@ def judge_recording(
         wrench = WrenchVerdict(
             declared=declared, other=declared, log_odds=-math.inf, largest=0.0, limit=0.0
         )
-    likely = wrench.other if wrench.doubted else declared
+    likely = wrench.other if wrench.contradicted else declared
     other = replace(likely, frame=frame)
     return Verdicts(pressure=pressure, wrench=replace(wrench, other=other, frame=frame))
 
@@ -302,7 +304,7 @@ def judge_table_readings(
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None:
         return (), ()
-    if verdict.doubted:
+    if verdict.contradicted:
         return (f'the pressure is {verdict.finding}: {table_remedy(verdict)}',), ()
     if verdict.log_odds <= 0.0:
         return (), ()

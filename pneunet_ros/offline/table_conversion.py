@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.progress import say_how_far, STEP
+from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import ReadingSeries
@@ -48,7 +48,7 @@ def table_messages(
     wrench: last name of the topic for end loads.
     """
     counts, present = table.counts(), table.present()
-    sensors = sorted(SENSORS, key=lambda sensor: sensor is PRESSURE)  # it makes the estimate
+    sensors = sorted(SENSORS, key=lambda sensor: sensor is PRESSURE)  # it triggers the estimate
     ranked = [sensor for sensor in sensors if counts[sensor.name]]
     names = {sensor.name: sensor.name for sensor in ranked} | {END_WRENCH.name: wrench}
     topics = {
@@ -57,7 +57,7 @@ def table_messages(
     }
     for row, stamp_ns in enumerate(table.stamp_ns.tolist()):
         if row % STEP == 0:
-            say_how_far('writing the recording', row, len(table.stamp_ns))
+            report_progress('writing the recording', row, len(table.stamp_ns))
         for sensor in ranked:
             if present[sensor.name][row]:
                 values = table.values[sensor.name][row]

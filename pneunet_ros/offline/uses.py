@@ -98,17 +98,17 @@ def uses(
     def has(sensor: Sensor[Any]) -> bool:
         return find_series(recording, sensor, overrides, required=False) is not None
 
-    def check_readings(doubted: Container[str]) -> None:
+    def check_readings(contradicted: Container[str]) -> None:
         if verdicts.model_mismatch:
             raise RecordingError(verdicts.model_mismatch, reason='strange_readings')
-        if PRESSURE.name in doubted or END_WRENCH.name in doubted:
+        if PRESSURE.name in contradicted or END_WRENCH.name in contradicted:
             raise RecordingError(
                 f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
             )
 
     def replays() -> str:
         find_series(recording, PRESSURE, overrides)
-        check_readings(verdicts.doubted)
+        check_readings(verdicts.contradicted)
         loaded = has(END_WRENCH)
         replay_settings = replace(settings, wrench_required=loaded and settings.wrench_required)
         estimator = Estimator(arm=request.arm, settings=replay_settings)
@@ -133,8 +133,8 @@ def uses(
     def fuses() -> str:
         for topic in fusion_topics(recording, overrides, wrench=False):
             next(iter(recording.messages([topic])), None)
-        # A doubted force sensor is left out.
-        check_readings(verdicts.doubted.keys() - {END_WRENCH.name})
+        # A contradicted force sensor is left out.
+        check_readings(verdicts.contradicted.keys() - {END_WRENCH.name})
         estimated = 'the tip force is estimated, because no sensor measures it'
         return '' if has(END_WRENCH) else estimated
 

@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.image import Bytes, eight_bits, Image
 from pneunet_ros.files.regular_file import open_regular
-from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
+from pneunet_ros.messages.compressed_image import decode_compressed, decode_with_messages
 from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, PICTURES
 from pneunet_ros.recordings.image_stream import (
     checked_rate,
@@ -92,8 +92,8 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
 
 def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
-    grey, complaint = decode_heard(data, colored=colored)
-    if grey is None or complaint:  # OpenCV also decodes a damaged tiff
+    grey, messages = decode_with_messages(data, colored=colored)
+    if grey is None or messages:  # OpenCV also decodes a damaged tiff
         raise MessageError('it is not an image, or it is damaged', reason='damaged')
     if grey.dtype not in (np.uint8, np.uint16):
         raise MessageError(

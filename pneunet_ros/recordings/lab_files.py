@@ -108,7 +108,7 @@ def messages(recording: LabRecording) -> Iterator[Message]:
 
     def targets(stamp_ns: int, index: int) -> Any:
         x, y, std = recording.x[index], recording.y[index], recording.scenario.noise.target_std
-        # The tracker knows the white part of its noise.
+        # The tracker states the white part of its noise.
         return targets_message(stamp_ns, x, y, BASE_FRAME, ROSBAGS_TYPES, std)
 
     def imu(stamp_ns: int, index: int) -> Any:

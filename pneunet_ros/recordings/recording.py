@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.records import Channel
 from pneunet_ros.core.errors import MessageError, RecordingError, shortened
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.progress import say_how_far, STEP
+from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.cdr_reader import read_message
 from pneunet_ros.messages.readings import is_estimated
@@ -182,7 +182,7 @@ class Recording:
                     yield entry[3]
                     read += 1
                     if read % STEP == 0:
-                        say_how_far(f'reading {self.path.name}', read, total)
+                        report_progress(f'reading {self.path.name}', read, total)
                     held_bytes -= len(entry[3].raw) + MESSAGE_OVERHEAD
                 del pending[:ready]
 

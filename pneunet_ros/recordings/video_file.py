@@ -36,7 +36,7 @@ os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
 @contextmanager
 def silence() -> Iterator[None]:
     """Suppress messages of OpenCV, because errors report the problem."""
-    change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; in 5 it has moved
+    change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; OpenCV 5 has it in another place
     change = change or cv2.utils.logging.setLogLevel
     before = change(SILENT)
     try:

@@ -16,7 +16,7 @@ from pneunet_ros.core.units import millimeters
 
 PAGES = {'A4': (210.0, 297.0), 'letter': (215.9, 279.4)}  # mm, width and height
 MILLIMETERS_PER_INCH = 25.4
-MARGIN = 12.0  # mm, that no printer leaves out
+MARGIN = 12.0  # mm, margin that every printer can print
 RULER = 100.0  # mm
 STRIP = 12.0  # mm, least width
 GAP = 6.0  # mm between strips

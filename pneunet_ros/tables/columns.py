@@ -74,7 +74,7 @@ _LETTERS = {
     ord('″'): 'in',
 }
 _UNITS = {'ns', *(unit for units in SI_PER_UNIT.values() for unit in units)}
-# How names end that tables of ROS messages have, in any folder of topics.
+# Endings of the column names in tables of ROS messages, for any topic.
 _OF_MESSAGES = {
     'fluid_pressure': 'pressure_pa',
     'force_x': 'force_x_n',
@@ -90,7 +90,7 @@ _BARE = {
 _PREPOSITIONS = ('at',)
 # Other names of a time or a pressure, made unambiguous by the unit.
 _UNMISTAKABLE = {'t': TIME, 'elapsed': TIME, 'timestamp': TIME, 'p': 'pressure'}
-# Other names of a quantity, only to suggest it: a single letter is ambiguous.
+# Other names of a quantity, used only for suggestions: a single letter is ambiguous.
 _OTHER_WORDS = {
     't': TIME,
     'timestamp': TIME,

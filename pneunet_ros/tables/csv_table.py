@@ -19,7 +19,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError, why_unread
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.printable import listed
-from pneunet_ros.core.progress import say_how_far, STEP
+from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
 from pneunet_ros.tables.columns import is_unit, standard_name, TIME
@@ -195,7 +195,7 @@ def _read(
             )
         lines.append(line)
         if len(lines) % STEP == 0:
-            say_how_far(f'reading {path.name}', stream.buffer.tell(), size)
+            report_progress(f'reading {path.name}', stream.buffer.tell(), size)
         for name, place in places.items():
             written = cells[place].strip()
             _check_decimals(path, line, written, decimals)

@@ -28,9 +28,9 @@ from pneunet_ros.tables.columns import (
 
 MOST_COLUMNS = 2_000
 LONGEST_CELL = 200
-LONGEST_PREAMBLE = 50  # lines above a table, to say where it begins
+LONGEST_PREAMBLE = 50  # lines above a table that are searched for its beginning
 NAMES_SHOWN = 30
-FEWEST_TIMES = 3  # rows that show that a column increases
+FEWEST_TIMES = 3  # rows in which an increasing column must increase
 UNIX_SECONDS = 1e9, 4.2e9  # since 1970, from 2001 to 2103
 MISSING = {'', 'nan', 'na', 'n/a', '#n/a', 'null', 'none'}
 _DIGIT = re.compile(r'\d')

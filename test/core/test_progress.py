@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pneunet_ros import calibrate, load_model
-from pneunet_ros.core.progress import heard, part_of, STEP
+from pneunet_ros.core.progress import part_of, reporting_to, STEP
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.recordings.dataset_reader import read_run
@@ -27,7 +27,7 @@ def test_reading_says_how_far_it_is():
     on_progress = Heard()
     recording = open_recording(share_path('bags/table1'))
     names = [topic.name for topic in recording.topics]
-    with heard(on_progress):
+    with reporting_to(on_progress):
         count = sum(1 for _ in recording.raw_messages(names))
     assert [done for _, done, _ in on_progress.said] == list(range(STEP, count + 1, STEP))
     assert {total for *_, total in on_progress.said} == {count}

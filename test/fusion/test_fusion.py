@@ -461,7 +461,7 @@ def test_a_force_sensor_in_order_is_never_called_off():
         fuse(with_wrench=True, hidden=lambda frame: range(12)),
     ):
         assert not any(one.force_sensor for one in found.estimates)
-        assert fusion().model.trusts_force(found.state.belief)
+        assert fusion().model.force_sensor_is_confirmed(found.state.belief)
 
 
 def noisy(frame, *, std: float, seed: int) -> WrenchReading:
@@ -585,7 +585,7 @@ def test_a_straight_arm_says_nothing_of_the_force_sensor():
             state, _ = fusion().step(state, event)
     assert state.counts.frames > 190
     assert not state.causes
-    assert not fusion().model.trusts_force(state.belief)
+    assert not fusion().model.force_sensor_is_confirmed(state.belief)
 
 
 def test_a_belief_that_keeps_all_frames_out_is_forgotten():

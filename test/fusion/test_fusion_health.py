@@ -98,8 +98,8 @@ def test_a_sensor_that_is_worse_than_that_of_the_calibration_is_said():
             'no force is published',
             {'ambiguous': 'True', 'determined': 'none'},
         ),
-        (fused(), Level.OK, '', {'force_judged': 'no: without an end wrench force is not judged: '
-                                 'one on the arm looks the same'}),
+        (fused(), Level.OK, '', {'force_judged': 'no: without an end wrench the force is not '
+                                 'checked: a force on the arm would look the same'}),
         (fused(wrench_age=0.01), Level.OK, '', {'force_judged': 'yes', 'wrench_lag_s': '0.01'}),
         (
             Refusal(stamp_ns=1, reason='too_uncertain', sentence='the tip is lost', error=True),

@@ -44,7 +44,7 @@ def verdict(values, declared=PASCAL, expected=KNOWN, **more):
 def test_another_unit_and_reference_are_named_together(pressure, unit, air):
     size = PressureConvention(unit=unit).size
     found = verdict((pressure + (air or 0.0)) / size)
-    assert found.doubted
+    assert found.contradicted
     assert (found.other.unit, found.other.sign) == (unit, 1)
     assert found.other.reference == ('gauge' if air is None else 'absolute')
     if air is not None:
@@ -58,7 +58,7 @@ def test_another_unit_and_reference_are_named_together(pressure, unit, air):
 @pytest.mark.parametrize('unit', ['Pa', 'kPa', 'psi'])
 def test_swapped_ports_are_named(pressure, unit):
     found = verdict(-pressure / PressureConvention(unit=unit).size)
-    assert found.doubted
+    assert found.contradicted
     assert (found.other.unit, found.other.sign) == (unit, -1)
 
 
@@ -85,7 +85,7 @@ def test_swapped_ports_are_named(pressure, unit):
 )
 def test_right_readings_are_not_accused(values):
     found = verdict(values)
-    assert found is None or not found.doubted
+    assert found is None or not found.contradicted
 
 
 def test_zeros_say_nothing():
@@ -94,12 +94,12 @@ def test_zeros_say_nothing():
 
 
 def test_a_vacuum_actuator_is_not_accused_and_its_sensor_may_be_reversed():
-    assert not verdict(-NOISY, expected=[VACUUM]).doubted
-    assert not verdict(-NOISY, expected=ANY_ACTUATOR).doubted
+    assert not verdict(-NOISY, expected=[VACUUM]).contradicted
+    assert not verdict(-NOISY, expected=ANY_ACTUATOR).contradicted
     found = verdict(NOISY, expected=[VACUUM])
-    assert (found.doubted, found.other.sign) == (True, -1)
+    assert (found.contradicted, found.other.sign) == (True, -1)
     absolute = verdict((0.98e5 - NOISY) / 1e3, expected=[VACUUM])
-    assert absolute.doubted
+    assert absolute.contradicted
     assert (absolute.other.unit, absolute.other.reference) == ('kPa', 'absolute')
     assert absolute.other.ambient == pytest.approx(0.98e5, abs=300.0)
 
@@ -114,7 +114,7 @@ def test_settings_that_make_it_worse_are_named_as_well():
 
 def test_where_no_model_is_known_only_what_no_actuator_has_is_accused():
     assert verdict(NOISY / 1e3, expected=ANY_ACTUATOR, moves=True).other.unit == 'kPa'
-    assert not verdict(NOISY / 7.0, expected=ANY_ACTUATOR).doubted
+    assert not verdict(NOISY / 7.0, expected=ANY_ACTUATOR).contradicted
 
 
 def test_targets_find_a_zero_that_was_never_set():
@@ -132,9 +132,9 @@ def test_targets_find_a_zero_that_was_never_set():
 
     for offset in (9e3, -9e3):
         found = verdict(pressure + offset, fit=fit(offset))
-        assert found.doubted
+        assert found.contradicted
         assert found.other.offset == pytest.approx(-offset, abs=1.0)
-    assert not verdict(pressure, fit=fit(0.0)).doubted
+    assert not verdict(pressure, fit=fit(0.0)).contradicted
 
 
 @pytest.mark.parametrize('unit', PRESSURE_UNITS)
@@ -189,9 +189,9 @@ def test_a_pressure_that_is_held_is_not_accused_of_its_reference(reach, share):
     arm = ExpectedPressure(low=0.0, high=reach, std=1e-3 * reach)
     gauge = share * reach + arm.std * np.random.default_rng(3).normal(size=300)
     absolute = PressureConvention(unit='kPa', reference='absolute')
-    assert not verdict(gauge, expected=[arm]).doubted
+    assert not verdict(gauge, expected=[arm]).contradicted
     readings = [absolute.reading(value) for value in gauge.tolist()]
-    assert not verdict(readings, absolute, [arm]).doubted
+    assert not verdict(readings, absolute, [arm]).contradicted
 
 
 @pytest.mark.parametrize('reach', [3e3, 1e4, 2e4])
@@ -204,7 +204,7 @@ def test_the_zero_of_a_small_arm_is_named_by_its_targets(reach, zero):
         return (0.5 * (zero + meaning.offset) / reach) ** 2 if meaning.size == 1.0 else 1.0, 8
 
     found = verdict(true + zero, expected=[arm], fit=fit)
-    assert found.doubted or reach > 1e4
+    assert found.contradicted or reach > 1e4
     assert set(found.changes) == {'pressure_offset'}
     assert found.other.offset == pytest.approx(-zero, abs=1.0)
 
@@ -214,14 +214,14 @@ def test_live_a_sensor_that_was_mended_is_believed_again():
     broken, mended = waves[:800] / 1e3, waves[:1200]
     state = estimates(np.concatenate([broken, mended]))
     assert state.rejected[OTHER_PRESSURE] > 200
-    assert not state.watch.verdict.doubted
+    assert not state.watch.verdict.contradicted
     still = estimates(np.concatenate([broken, broken, broken]))
-    assert still.watch.verdict.doubted
+    assert still.watch.verdict.contradicted
 
 
 def test_without_a_model_a_vacuum_actuator_is_a_stranger_and_no_reversed_sensor():
     found = verdict(-NOISY, expected=expected_without_model(ARM))
-    assert (found.doubted, found.is_other_actuator) == (False, True)
+    assert (found.contradicted, found.is_other_actuator) == (False, True)
     assert '--pressure-sign -1' in found.model_mismatch
     assert not verdict(NOISY, expected=expected_without_model(ARM)).is_other_actuator
     hecto = verdict((NOISY + 1e5) / 100.0, expected=expected_without_model(ARM))

@@ -60,7 +60,7 @@ def equivalent(one, other):
 @pytest.mark.parametrize('name', TRUE)
 def test_the_calibrated_loads_tell_unit_sign_and_axes(name):
     found = judge_wrench(TRUE[name].reading(FORCE), NEWTON, expected_load(ARM, PRESSURE), None)
-    assert found.doubted
+    assert found.contradicted
     assert equivalent(found.other, TRUE[name])
 
 
@@ -69,7 +69,7 @@ def test_the_calibrated_loads_tell_unit_sign_and_axes(name):
 def test_targets_tell_more(name, force):
     meaning = SHOWN[name]
     found = judge_wrench(meaning.reading(force), NEWTON, None, shown(meaning, force))
-    assert found.doubted
+    assert found.contradicted
     assert equivalent(found.other, meaning)
     assert set(found.changes) == set(meaning.changes_from(NEWTON))
 
@@ -81,7 +81,7 @@ def test_right_readings_are_not_accused(force):
             found = judge_wrench(force, NEWTON, expected, seen)
             if expected is not None and force is PULLS and seen is None:
                 continue  # loads of directions that were not calibrated: no estimates either
-            assert found is None or not found.doubted
+            assert found is None or not found.contradicted
 
 
 @pytest.mark.parametrize('share', [0.0, 0.2])
@@ -98,7 +98,7 @@ def test_a_declared_meaning_that_is_right_is_kept():
     found = judge_wrench(
         meaning.reading(FORCE), meaning, expected_load(ARM, PRESSURE), shown(meaning, FORCE)
     )
-    assert not found.doubted
+    assert not found.contradicted
 
 
 def test_one_load_outside_the_domain_hints_at_its_unit():

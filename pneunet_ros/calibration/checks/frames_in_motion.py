@@ -35,7 +35,7 @@ Columns = Callable[[Array], Array]  # times (windows, frames) s -> (windows, fra
 DIRECTIONS = 2  # of target motion: the tip moves along a curve
 NUMBERS = 4  # coefficients of a vibration about a line, and of each smooth motion
 FEWEST = NUMBERS + 3  # frames in a window
-PERIODS = 1.5  # per window of the search: no cubic can follow so much of a vibration
+PERIODS = 1.5  # per window of the search: no cubic can follow this much of a vibration
 FREQUENCIES = 48  # tried
 RATIOS = (0.02, 0.05, 0.1, 0.2)  # damping ratios, tried
 # Stiffness (alpha) of the softest arm, a tenth of that where a search for it begins: such an arm
@@ -160,7 +160,7 @@ def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion 
     common = vibration_of([course for course in courses if course is not None], slowest)
     if common is None:
         return None
-    noise = white_of_targets([run for run in runs if not run.static]) or 0.0
+    noise = target_noise([run for run in runs if not run.static]) or 0.0
     moving = [np.zeros(len(run.stamp_ns), np.bool_) for run in runs]
     for flags, course in zip(moving, courses, strict=True):
         if course is not None:  # a load changes the vibration
@@ -297,7 +297,7 @@ def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration |
 
 def refined(courses: Sequence[TargetMotion], first: Vibration) -> Vibration:
     """Return a local optimum of the vibration, over the same windows."""
-    from scipy.optimize import minimize  # slow to import, and few arms swing
+    from scipy.optimize import minimize  # slow to import, and needed only if an arm swings
 
     def vibration(numbers: Array) -> Vibration:
         frequency, rate = np.exp(numbers).tolist()

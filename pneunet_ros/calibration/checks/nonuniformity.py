@@ -23,7 +23,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 
-ROUNDING = 1e-12  # added to a variance, relative, so that it can be inverted
+ROUNDING = 1e-12  # relative increase of a variance, so that it can be inverted
 STATIONS, MODES = 41, 4  # for the linear part of a smooth departure along the arm
 
 

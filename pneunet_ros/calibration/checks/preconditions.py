@@ -203,7 +203,7 @@ def check_meaning(
     """
     record = record_of(range(pressures.size), map(declared.reading, pressures.tolist()))
     verdict = judge_pressure(record, declared, [*ANY_ACTUATOR, expected_of(arm)], moves=moves)
-    if verdict is not None and verdict.doubted:
+    if verdict is not None and verdict.contradicted:
         raise RecordingError(
             f'{names}: the pressure is {verdict.finding}: add {verdict.options} (or '
             '--no-judge-readings if the readings are right)',
@@ -255,7 +255,7 @@ def check_units(run: RecordingData, arm: Arm) -> None:
             reason='out_of_range',
         )
     if not run.seen.any():
-        return  # an angle has one unit and no place
+        return  # an angle has one unit and does not depend on the position
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
     if reach > PRECONDITIONS.longest * arm.reach:
         raise RecordingError(

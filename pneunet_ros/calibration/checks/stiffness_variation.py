@@ -26,8 +26,8 @@ from pneunet_ros.measurement.linearization import RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 
-STATIONS = 21  # along the arm, at which a departure is evaluated
-HALVINGS = 30  # of an interval: 30 give nine digits
+STATIONS = 21  # places along the arm at which a variation is evaluated
+HALVINGS = 30  # points of quadrature: 30 give nine digits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -146,7 +146,7 @@ def run(arguments: Namespace) -> int:
             recordings=tuple(map(str, recordings)),
             folder=str(arguments.output),
         )
-        used, tested = investigation.recordings  # less frames that show no equilibrium
+        used, tested = investigation.recordings  # minus the frames without an equilibrium
         content = write_diagnosis(
             found,
             folder,

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.table_options import add_table_options, reading_doubts, table_request
+from pneunet_ros.cli.table_options import add_table_options, table_request, unit_objections
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.messages.readings import TARGETS
@@ -52,7 +52,7 @@ def run(arguments: Namespace) -> int:
     request = table_request(arguments, rate=arguments.rate)
     with verb.reading_bar(shown=not arguments.json):
         table, sentences = read_table(arguments.table, request)
-    doubts, hints = reading_doubts(table, arguments)
+    objections, hints = unit_objections(table, arguments)
     with (
         verb.reading_bar(shown=not arguments.json),
         write_recording(
@@ -68,9 +68,9 @@ def run(arguments: Namespace) -> int:
         'targets': table.values[TARGETS.name].shape[2],
         'seconds': seconds,
         'topics': topics,
-        'sentences': [*doubts, *hints, *sentences],
+        'sentences': [*objections, *hints, *sentences],
     }
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
     text = f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}'
     verb.present_written(arguments, summary, text)
-    return verb.NEGATIVE if doubts else verb.DONE
+    return verb.NEGATIVE if objections else verb.DONE

@@ -90,7 +90,7 @@ def run_estimator(arguments: Namespace) -> int:
     targets = replay.targets_topic(recording, estimator, overrides)
     inputs = replay.with_targets(topics, targets)
     verdicts = judge(arguments, recording, arm, estimator.settings, overrides)
-    if verdicts.doubted or verdicts.model_mismatch:
+    if verdicts.contradicted or verdicts.model_mismatch:
         return refuse_readings(arguments, verdicts)
     tally = replay.Tally()
     pressure = replay.topic_of_pressure(topics)

@@ -120,6 +120,6 @@ def add_film_options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Track and summarize."""
-    from pneunet_ros.cli.track_images import track  # a second of imports, which --help spares
+    from pneunet_ros.cli.track_images import track  # imports of a second, not for --help
 
     return track(arguments)

@@ -87,7 +87,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         takes: dict[Input[Any], Callable[..., None]] = {
             one: partial(self.take_gravity, one)
             for one in gravity_inputs(source)
-            # An Imu whose frame is known needs no frames, which not every ROS has.
+            # If the frame of the Imu is known, /tf is not needed; not every ROS has its type.
             if source.frame or has_message(one.type)
         }
         for sensor, take in (

@@ -87,7 +87,7 @@ PARAMETERS = ParameterTable(
     read_only=frozenset(
         {'effects_path', 'frame_id', 'free_tip', 'gravity_frame', 'stations', 'use_wrench'}
     ),
-    # A wrench is used where there is a fresh one, and targets are what it lives on.
+    # A wrench is used if there is a fresh one, and targets are always required.
     left_out=frozenset({'wrench_required', 'watch_targets', 'watch_time'}),
 )
 

@@ -185,7 +185,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         load, frame_id = reading.load, self.configuration.node.frame_id
         wrench = np.array([load.force_x, load.force_y, load.moment])
         pressure = np.array([reading.pressure])
-        # The pressure last: it makes the estimate.
+        # The pressure comes last, because it triggers the estimate.
         if reading.imu is not None and self.imus is not None:
             self.imus.publish(BASE_IMU.message(stamp_ns, reading.imu, frame_id, RCLPY_TYPES))
         self.wrenches.publish(END_WRENCH.message(stamp_ns, wrench, frame_id, RCLPY_TYPES))

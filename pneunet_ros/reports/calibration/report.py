@@ -26,7 +26,7 @@ from pneunet_ros.reports.figure import Pictures, render_page
 
 PAGE = 'index.html'
 TEMPLATE = 'calibration_report.html.jinja'
-REPLACEABLE = (PAGE, 'figure_*.png')  # all that a folder of an earlier report holds
+REPLACEABLE = (PAGE, 'figure_*.png')  # all files of an earlier report
 
 
 def write_report(

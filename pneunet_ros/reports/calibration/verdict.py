@@ -72,7 +72,7 @@ def verdict_of(
         certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
     next_step, command = next_steps(calibration, bool(stiffness), settings, files)
     return Verdict(
-        fits=joint.converged and not lacks_something(calibration, settings),
+        fits=joint.converged and not exceeds_noise(calibration, settings),
         fit=fit_sentence(calibration, settings),
         certainty=certainty,
         next_step=next_step,
@@ -80,7 +80,7 @@ def verdict_of(
     )
 
 
-def lacks_something(calibration: Calibration, settings: ReportSettings) -> bool:
+def exceeds_noise(calibration: Calibration, settings: ReportSettings) -> bool:
     """Whether the residuals exceed the noise or are correlated along the arm."""
     return noise_ratio(calibration.joint) > settings.as_noise or varies(calibration)
 
@@ -232,7 +232,7 @@ def next_steps(
             f'clock{force if loaded else ""}.',
             f'pneunet check {names} --model {arm}',
         )
-    if lacks_something(calibration, settings):
+    if exceeds_noise(calibration, settings):
         return (
             'Find the missing effect; hold one recording out.',
             f'pneunet diagnose --model {model} --train {names} --heldout FRESH.mcap --output DIR',

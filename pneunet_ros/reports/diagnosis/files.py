@@ -32,7 +32,7 @@ from pneunet_ros.reports.figure import draw_figures
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
 DISCOVERED_MODEL, EFFECTS_FOLDER = 'model_discovered.yaml', 'effects'
-# All that the folder of an earlier diagnosis holds.
+# All files of an earlier diagnosis.
 REPLACEABLE = (
     NUMBERS,
     MODEL,

@@ -9,7 +9,7 @@ from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.reports.diagnosis.tables import p_value_text, passes_text, rank_evidence
 
-MOST_BARS = 6  # what the screen of a phone holds
+MOST_BARS = 6  # rows that fit on the screen of a phone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

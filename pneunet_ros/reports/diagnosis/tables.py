@@ -22,7 +22,7 @@ ANSWERS = {
     'unobservable': 'unobservable: these recordings cannot show whether an effect is missing',
 }
 WITHIN_LAW = 'no, but within the error of its law'
-LEAST_P_VALUE = 1e-6  # a smaller one is only called smaller
+LEAST_P_VALUE = 1e-6  # smaller p-values are written as an upper limit
 MOST_SHIFTS = 25  # quantities in the table of the report
 
 
@@ -220,7 +220,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
         declared = {one.name: one for one in quantities(EFFECTS[name])}
         low, high = declared[item.parameter].metadata['prior']
         unit = unit_text(item.unit)
-        # Of a stiffness that is infinite when nothing is missing, less is more.
+        # If a stiffness is infinite when nothing is missing, smaller values are stronger effects.
         neutral = float(getattr(EFFECTS[name](), item.parameter))
         within = 'below' if neutral == math.inf else 'from'
         if 0.0 < neutral < math.inf:

@@ -124,7 +124,7 @@ def arm_row(arm: SurveyedArm, data: SurveyData) -> dict[str, Any]:
         'name': arm.name,
         'link': f'{arm.folder}/report.html',
         'odd': arm.name in data.odd,
-        'said': ' or '.join([answer, *arm.alternatives]),
+        'finding': ' or '.join([answer, *arm.alternatives]),
         'answer': arm.answer,
         'before': '-' if errors is None else f'{millimeters(errors[0]):.3f}',
         'after': '-' if errors is None else f'{millimeters(errors[1]):.3f}',
