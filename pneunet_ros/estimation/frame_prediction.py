@@ -2,7 +2,7 @@
 
 A frame is rarely taken exactly at a reading. The arm is assumed to move linearly between
 estimates, under the loads read before and after the frame, including their interpolation errors.
-An estimate uses the last wrench that had arrived; later wrenches are used here too.
+Unlike an estimate, which uses the last wrench that had arrived, this also uses later wrenches.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def predict_frame(
 ) -> PredictedTargets | None:
     """Return the predicted targets of a frame showing the arm at a stamp (ns).
 
-    estimates: at increasing stamps (ns), at least one. None if they are too far apart: the arm may
+    estimates: one or more, at increasing stamps (ns). None if they are too far apart: the arm may
     have moved so far between them that the error of linear interpolation exceeds the noise of a
     target.
     """

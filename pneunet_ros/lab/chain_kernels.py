@@ -18,8 +18,8 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.kernels.jit import inner, kernel
 
-SETTLED = 1e-11  # rad, of the last step
-NEAR = 1e-6  # rad, of a step that is taken whole
+SETTLED = 1e-11  # rad, largest last step
+NEAR = 1e-6  # rad, step up to which a full step is taken
 MOST_STEPS = 80
 LONGEST_STEP = 0.5  # rad
 LOAD_STEPS = 24  # of the way back from the unloaded arm
@@ -96,7 +96,7 @@ def energy_of(
 ) -> float:
     """Return the energy (J) of the chain; fills its gradient and tridiagonal Hessian.
 
-    angles (n + 2,); share: of all loads.
+    angles (n + 2,); share of all loads.
     """
     turning, factor, rest, line, load, numbers = frame
     count = rest.shape[0]
@@ -187,7 +187,7 @@ def settle(angles: Array, frame: ChainFrame, share: float, work: Array) -> float
             for i in range(size):
                 trial[i] = angles[i] + reach * step[i]
             lowered = energy_of(trial, frame, share, gradient, diagonal, off_diagonal)
-            # What a very small step does to the energy cannot be told from rounding.
+            # The effect of a very small step on the energy cannot be distinguished from rounding.
             if largest < NEAR or lowered <= energy + 1e-14 * abs(energy):
                 break
             reach *= 0.5

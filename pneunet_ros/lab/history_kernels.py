@@ -1,4 +1,4 @@
-"""Effects with history in the lab arm, integrated in small time steps."""
+"""Effects with history on the lab arm, integrated in small time steps."""
 
 from __future__ import annotations
 

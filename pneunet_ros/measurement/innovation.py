@@ -1,4 +1,4 @@
-"""Distance of the targets of one frame from their prediction, in units of what is expected.
+"""Distance of the targets of one frame from their prediction, relative to the expected errors.
 
 One kernel computes it: a replay of an hour compares every frame.
 """
@@ -26,9 +26,9 @@ FEWEST_BEYOND_CLAMP = 3  # targets that determine a tip: as many as shapes of th
 class Innovation:
     """Whitened distance of the targets of one frame from their prediction.
 
-    chi_square is that of all `coordinates` together; at_targets (targets,) the same for each
-    target, per coordinate, NaN if it was not seen; at_tip that of both coordinates of the tip,
-    estimated from all targets, NaN where too few were seen.
+    chi_square: that of all `coordinates` together; at_targets (targets,): chi square of each
+    target per coordinate, NaN if it was not seen; at_tip: that of both coordinates of the tip,
+    estimated from all targets, NaN if too few were seen.
     """
 
     coordinates: int
@@ -43,8 +43,8 @@ def innovation(
     """Compare a frame with its prediction; None if no target was seen.
 
     The white noise of a target is the larger of those of the model and of the tracker. The targets
-    are those of the calibration, with known placement, or others, whichever is likelier in this
-    frame.
+    are taken for those of the calibration, with known placement, or for others, whichever is more
+    likely in this frame.
     """
     (seen,) = np.nonzero(np.isfinite(sightings.x) & np.isfinite(sightings.y))
     if not seen.size:
@@ -83,9 +83,9 @@ def compare_targets(
     """Compute `innovation`; returns chi squared of all coordinates seen, and that of the tip.
 
     residuals (2, targets) m: measured minus predicted; white (targets,) m: one sigma of each
-    target; seen: which were; placed, placed_std: as of PredictedTargets; placement_std, camera_std
-    m: one sigma of where others are painted, and of the camera; errors (n, 2, targets) m; share
-    (targets,). Fills at_targets (targets,).
+    target; seen: mask of the targets seen; placed, placed_std: as in PredictedTargets;
+    placement_std, camera_std m: one sigma of the positions of other targets, and of the camera;
+    errors (n, 2, targets) m; share (targets,). Fills at_targets (targets,).
     """
     count, sources = seen.size, len(errors)
     columns = np.zeros((sources + 2, 2 * count))  # the camera last
@@ -130,8 +130,8 @@ def compare_targets(
 def squared_distance(residual: Array, std: Array, columns: Array) -> float:
     """Return r^T C^-1 r of a residual (coordinates,), C = diag(std^2) + P^T P.
 
-    columns P (errors, coordinates): one sigma of each error that all coordinates share. By the
-    smaller matrix, that of the coordinates or 1 + P P^T of the errors (Woodbury).
+    columns P (errors, coordinates): one sigma of each error that all coordinates share. The
+    smaller matrix is factored: that of the coordinates, or 1 + P P^T of the errors (Woodbury).
     """
     errors, coordinates = columns.shape
     white, square = np.empty(coordinates), 0.0
@@ -211,10 +211,10 @@ def tip_distance(
 ) -> float:
     """Return the squared Mahalanobis distance of the tip from its prediction; 2 coordinates.
 
-    Arguments as of `compare_targets`. A smooth bend through all targets determines the tip better
-    than a single target does: an error there below the noise of a target, in every frame, hides in
-    chi squared. The tip is taken relative to the clamp, wherever the camera is. NaN for fewer than
-    three targets beyond the clamp.
+    Arguments as in `compare_targets`. A smooth curve through all targets determines the tip better
+    than a single target does: chi squared hides an error of the tip that is smaller than the noise
+    of a target, even if it is in every frame. The tip is relative to the clamp, so that the camera
+    position does not matter. NaN for fewer than three targets beyond the clamp.
     """
     count, sources, beyond = seen.size, len(errors), 0
     normal, tip = np.zeros((3, 3)), np.ones((3, 1))
@@ -250,7 +250,7 @@ def tip_distance(
 
 @inlined
 def bend(share: float, shape: int) -> float:
-    """Return a shape of a row at a share of its length: shifted, bent, bent more at its end."""
+    """Return a shape of the row at a share of its length: shifted, bent, bent more at its end."""
     if shape == 0:
         return 1.0
     return share**2 if shape == 1 else share**3

@@ -34,10 +34,10 @@ from pneunet_ros.solver.links import (
 )
 from pneunet_ros.solver.modes import Modes, modes_of
 from pneunet_ros.solver.swing import (
+    advance_chain,
     at_rest,
     follow_series,
     follow_swing,
-    go_on,
     part_shapes,
     room_for,
     Swing,
@@ -362,7 +362,7 @@ def go_between(
         return state
     previous, turned = state.swing, state.turned.copy()
     swing = Swing(previous.state.copy(), previous.covariance.copy(), previous.columns.copy())
-    go_on(
+    advance_chain(
         swing,
         seconds,
         steps,

@@ -5,7 +5,7 @@ arm itself cannot jump. The unknown is therefore not the deviation q from equili
 modal coordinate w relative to a fixed reference: with S the projection on the modes and theta_e
 the headings of the equilibrium's links,
 
-q = w - S (theta_e - theta_reference).
+    q = w - S (theta_e - theta_reference).
 
 A frame determines w, but hardly the loads, which follow from the acceleration of the arm.
 """

@@ -1,7 +1,8 @@
 """The domain of a model: the pressures and end loads that its calibration spanned.
 
-Inside it, the covariance of the model covers its errors. Slightly beyond, the model is
-extrapolated and says so; further out there is no estimate. Everything uses the rule `locate_load`.
+Inside it, the covariance of the model covers its errors. Slightly outside, the model is
+extrapolated, with a warning; further out there is no estimate. `locate_load` is the only rule for
+this.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.solver.branches.convex_hull import way_from_hull
 
-MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
-FAR = 1e6  # sizes of a hull, or newtons; what lies further is no further
-ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
+MOST_LOADS = 64  # rows of `domain.end_load`: each takes time at every reading
+FAR = 1e6  # sizes of a hull, or newtons; larger distances are not distinguished
+ROUNDING = 1e-9  # of a load: rounding of a distance of zero
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
-THINNING = 0.01  # of the size of the hull; how near to it a load lies that the file leaves out
+THINNING = 0.01  # of the size of the hull; loads nearer to it than this are omitted in the file
 WRITTEN_LOADS = 32  # rows of `domain.end_load` that calibration writes: half of MOST_LOADS
 
 
@@ -31,22 +32,25 @@ class DomainSettings:
     """Thresholds of the domain: inside, extrapolated, or outside."""
 
     pressure_margin: float = tuning(
-        0.05, 'pressure beyond the range that is extrapolated', unit='of the range', source='sweep'
+        0.05,
+        'largest pressure beyond the range for which the model is extrapolated',
+        unit='of the range',
+        source='sweep',
     )
     load_margin: float = tuning(
         0.5,
-        'load beyond the hull that is extrapolated',
+        'largest load beyond the hull for which the model is extrapolated',
         unit='of the size of the hull',
         source='sweep',
     )
     pressure_noise: float = tuning(
         8.0,
-        'pressure beyond the range that its noise explains',
+        'largest pressure beyond the range that noise explains',
         unit='pressure_std',
         source='sweep',
     )
     load_noise: float = tuning(
-        4.0, 'load beyond the hull that its noise explains', unit='sigma', source='sweep'
+        4.0, 'largest load beyond the hull that noise explains', unit='sigma', source='sweep'
     )
     load_error: float = tuning(
         0.2,
@@ -72,7 +76,7 @@ class Domain:
     pressure: lowest and highest, Pa gauge; end_load (loads, 4): F1, F2 (N), M (N m), p (Pa), the
     vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm is
     always inside, at every pressure: that is kappa_p0. largest_force (N), largest_end_moment (N
-    m): the largest that were seen.
+    m): the largest in the calibration.
     """
 
     pressure: tuple[float, float]
@@ -130,9 +134,9 @@ class Domain:
 class LoadHull:
     """The convex hull of the loads of a domain, in newtons in all directions.
 
-    scale (4,) makes newtons of F1, F2, M and p: a moment counts as the force that produces it at
-    the length of the arm, the whole range of pressure as the largest load. points (n, 4) N; size:
-    the largest load, N.
+    scale (4,) converts F1, F2, M and p to newtons: a moment counts as the force that produces it
+    at the length of the arm, the whole range of pressure as the largest load. points (n, 4) N;
+    size: the largest load, N.
     """
 
     scale: Array
@@ -161,7 +165,7 @@ class LoadHull:
         )
 
     def share(self, distance: float) -> float:
-        """Return a distance (N) as a share of the size of the hull."""
+        """Return a distance (N) relative to the size of the hull."""
         if distance == 0.0:
             return 0.0
         return distance / self.size if self.size > 0.0 else math.inf
@@ -187,7 +191,7 @@ def distance_beyond(points: Array, scale: Array, size: float, load: Array, noise
 
 
 def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:
-    """Return the hull of loads (n, 4) and of the unloaded arm; length (m): of the arm."""
+    """Return the hull of loads (n, 4) and of the unloaded arm; length (m) of the arm."""
     low, high = pressure
     scale = np.array([1.0, 1.0, 1.0 / length, 0.0])
     size = float(np.max(np.linalg.norm(end_load * scale, axis=1)))
@@ -216,7 +220,7 @@ def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) ->
         furthest = int(np.argmax(distance))
         if distance[furthest] <= near:
             break
-        # The hull has grown since a distance was measured, so that it may be less by now.
+        # The hull has grown since the distance was computed, which may be smaller now.
         distance[furthest] = np.linalg.norm(hull.way_out(scaled[furthest]))
         if distance[furthest] == distance.max():
             taken.append(furthest)

@@ -55,10 +55,10 @@ from pneunet_ros.solver.solution import SolverNodes
 
 DEFAULT_STATIONS = 57
 NO_PANELS = np.zeros((0, 0, PANEL_WIDTH))
-TURN_STEP = 1e-4  # rad: of central differences of where a push points
+TURN_STEP = 1e-4  # rad: step of central differences of the heading of a push
 SLOPES = (-3.0, 0.7)  # taken for possible: of the heading of an arm by where it is pushed
 NO_ENDS = np.zeros((0, END_WIDTH))
-CONVERGED = {  # what is said of an equilibrium, by whether it is stable
+CONVERGED = {  # status of an equilibrium, by its stability
     None: 'converged, stability not defined (negative rigidity)',
     True: 'converged, stable',
     False: 'converged, unstable under dead load',
@@ -67,13 +67,14 @@ CONVERGED = {  # what is said of an equilibrium, by whether it is stable
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity:
-    """Response of a solved rod to unit changes of F1, F2, M and of further causes, in that order.
+    """Response of a solved rod to unit changes of F1, F2, M and further causes, in this order.
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
-    `stations` needs the rest: the solution with its changes per single cause (causes, panels + 1,
-    6), the changes of its panels, ends and table of rotation per further cause, and that table.
-    mixing (causes, single causes): the share of each single cause in each cause, because effects
-    depend on the end load or push along a normal that turns; None if every cause is single.
+    The remaining fields are for `stations`: the solution with its changes per single cause
+    (causes, panels + 1, 6), the changes of its panels, ends and table of rotation per further
+    cause, and that table. mixing (causes, single causes): the share of each single cause in each
+    cause, because effects depend on the end load or push along a normal that turns; None if every
+    cause is single.
     """
 
     tip: Array
@@ -109,7 +110,7 @@ class Sensitivity:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
         out = np.empty((FIELD_COUNT, arclength.size))
         panels, _, nodes = self.solution.for_kernels()
-        places = frozen_array(arclength)  # a kernel is compiled again for what may be written
+        places = frozen_array(arclength)  # a kernel would be compiled again for writable arrays
         at_stations(panels, nodes, self.knots, self.rotation, places, out)
         return out
 
@@ -146,7 +147,7 @@ def solve(
         pressure: reading of the sensor, held constant; Pa gauge.
         force: F1, F2 on the free end as the sensor reads them, N, in the base frame.
         moment: on the free end, about z of the base frame, N m.
-        start: a neighboring shape whose branch is followed; None: start from the unloaded arm.
+        start: a neighboring shape, whose branch is followed; None: start from the unloaded arm.
         stations: number of equally spaced points along the arm.
 
     Returns:
@@ -178,7 +179,7 @@ def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
 
 
 def steady_pressure(arm: Arm, pressure: float) -> float:
-    """Return the chamber pressure (Pa) of an arm that has settled at this sensed pressure."""
+    """Return the chamber pressure (Pa) of an arm that has settled at this sensor pressure."""
     return arm.actuate(arm.initial_history(pressure), 0.0, pressure)[1]
 
 
@@ -212,9 +213,9 @@ def solve_rod(
 ) -> Shape:
     """Return the shape of the first of these records, at the chamber pressure, under a true load.
 
-    start: a neighboring solution, or None to solve from nothing; arclength (stations,) m. quick:
-    give up if this would take many small steps, or seems to diverge. The directions of pushes
-    along the normal of the arm are solved for; stability treats them as dead loads.
+    start: a neighboring solution; None: start without one; arclength (stations,) m. quick: whether
+    to give up if the search would take many small steps, or seems to diverge. The directions of
+    pushes along the normal of the arm are solved for; stability treats them as dead loads.
     """
     if not rods.push.any():
         return solve_dead_loads(arm, rods, load, start, arclength, settings, quick)
@@ -234,15 +235,16 @@ def solve_rod(
             return shape
         if quick and search.diverges:
             break
-    sentence = 'no equilibrium found with a push that turns with the arm'
+    sentence = 'no equilibrium found with a push that rotates with the arm'
     return failed_shape(arm, load, arclength, sentence, shape.residual, shape.iterations)
 
 
 class HeadingSearch:
     """Search for the headings (rods, pushes) rad at which a rod and its pushes are in equilibrium.
 
-    Each heading has its own secant method; its first step goes to the heading that was found. The
-    search counts as diverging if the error has grown twice: once is common even if it converges.
+    Each heading has its own secant method; its first step goes to the heading that the solution
+    has. The search counts as diverging if the error has grown twice, because a single increase is
+    common even if the search converges.
     """
 
     __slots__ = ('before', 'diverges', 'found', 'grew', 'heading', 'most')
@@ -252,7 +254,7 @@ class HeadingSearch:
         self.most, self.grew, self.diverges = math.inf, False, False
 
     def turn(self, found: Array) -> float:
-        """Set the next headings; return the largest error (rad) of the present ones."""
+        """Set the next headings; return the largest error (rad) of the current ones."""
         missed = found - self.heading
         moved = self.heading - self.before
         safe = np.where(moved == 0.0, 1.0, moved)
@@ -291,7 +293,7 @@ def solve_dead_loads(
     quick: bool,
 ) -> Shape:
     """Solve a rod like `solve_rod`, with pushes of fixed direction."""
-    arclength = frozen_array(arclength)  # kernels are compiled again for what may be written
+    arclength = frozen_array(arclength)  # kernels would be compiled again for writable arrays
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
@@ -321,7 +323,7 @@ def solve_dead_loads(
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
         stable = is_stable(solution)
         if not (stable or quick) and start is not None and is_stable(start):
-            # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
+            # The stable branch has ended, or was lost in a large step: another one must be found.
             unstarted = solve_dead_loads(arm, rods, load, None, arclength, settings, quick=False)
             if unstarted.stable:
                 return unstarted
@@ -333,7 +335,7 @@ def solve_dead_loads(
 def follow_shape(
     rods: Rods, load: Load, start: SolverNodes, arclength: Array, settings: SolverSettings
 ) -> Shape | None:
-    """Return the shape next to a neighbor, on its mesh; None if that mesh is not enough."""
+    """Return the shape next to a neighbor, on its mesh; None if that mesh is not fine enough."""
     if len(start.counts) != rods.sections.shape[1]:
         return None
     (ends,) = join_ends(rods.clamp[:1], load.row)
@@ -376,7 +378,7 @@ def solved_shape(
     residual: float,
     iterations: int,
 ) -> Shape:
-    """Return an equilibrium within the calibrated range; values (6, stations): its fields."""
+    """Return an equilibrium within the calibrated range; values (6, stations): the fields."""
     x, y, theta, curvature, intrinsic_curvature, moment = freeze(values)
     return Shape(
         arclength=arclength,
@@ -441,7 +443,7 @@ def linearize_shape(
 ) -> Sensitivity:
     """Linearize a solved rod: its response to the loads and to changes of its record.
 
-    The response includes how loads change the record, and how pushes turn with the arm.
+    The response includes how loads change the record, and how pushes rotate with the arm.
     """
     heading, every = None, changes
     if rods.push_place.size:
@@ -489,8 +491,9 @@ def turns(rods: Rods, heading: Array) -> Perturbation:
 def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> Array:
     """Return the share of each single cause in each cause, (causes, single causes).
 
-    The single causes are F1, F2, M, the changes (including those by the loads), then the turn of
-    each push. With H the turn of the arm there per single cause, t = d H + t H of the turns.
+    The single causes are F1, F2, M, the changes (including those by the loads), then the rotation
+    of each push. With H the rotation of the arm there per single cause, t = d H + t H of the
+    rotations.
     """
     pushes, total = rods.push_place.size, len(single.node_changes)
     by_load = changes is not None and changes.by_load
@@ -505,7 +508,7 @@ def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> 
     places = rods.push_place[order]
     turned = np.empty((total, pushes))
     turned[:, order] = single.stations(places)[:, THETA]
-    if changes is not None:  # a place that moves along the arm meets another heading
+    if changes is not None:  # at a place that moves along the arm, the heading changes
         curvature = np.empty(pushes)
         curvature[order] = single.fields(places)[CURVATURE]
         moved = (changes.push_place[1] - changes.push_place[0]) / changes.distance[:, None]
@@ -561,6 +564,6 @@ def jacobian_of(arm: Arm, sensitivity: Sensitivity, history: tuple[History, ...]
     jacobian = np.empty((TIP_WIDTH, LOADS + 1))
     jacobian[:, 0] = sensitivity.tip[LOADS]
     jacobian[:, 1:] = sensitivity.tip[:LOADS].T
-    if arm.in_play(history):  # the play takes up what the pressure changes
+    if arm.in_play(history):  # the dead band absorbs the change of pressure
         jacobian[:, 0] = 0.0
     return freeze(jacobian)

@@ -203,7 +203,7 @@ class PerturbationTable:
         )
         own = constant_records(arm, arm.table.pressure, self.changing, clamp[:1].copy())
         self.table: Final = RodTable(
-            pressure=freeze(rows),  # kernels are compiled again for what may be written
+            pressure=freeze(rows),  # kernels would be compiled again for writable arrays
             sections=freeze(np.concatenate(sections, axis=1)),
             rotation=freeze(np.concatenate(rotation, axis=1)),
         )
@@ -235,7 +235,7 @@ class PerturbationTable:
         sections, clamp = sections.reshape(2 * causes, count, -1), self.clamp
         gravity = gravity_of(load, 1)
         if gravity is not None:
-            # Of the arm itself also for its neighbors: their error is one of what was measured.
+            # The gravity of the arm is also that of its neighbors, because it was measured.
             gravity, clamp = arm.gravity.difference(gravity), clamp.copy()
             for side, one in enumerate(self.sides):
                 own = slice(side, side + 1)

@@ -1,6 +1,6 @@
 """One experiment on a live arm: commands pressure and force, and records the readings.
 
-python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
+    python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
 
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
 are published on `pressure_command` and `force_command`, as for the virtual arm; `pressure`,

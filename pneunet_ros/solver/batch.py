@@ -1,8 +1,8 @@
 """Solve a batch of rods on one mesh: the innermost loops run over rods, as vector instructions.
 
-The tables are those of `solver.columns`, each entry once per rod of a block, flat. Every rod takes
-full Newton steps until the slowest has converged; a rod that does not converge keeps its residual
-and is left to the single solver.
+The tables are those of `solver.columns`, each entry once per rod of a block, flat. All rods take
+full Newton steps until the slowest has converged; a rod that does not converge keeps its residual,
+and the single solver solves it.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def end_load(ends: Array, k: int) -> Four:
 def residuals(
     panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Array, worst: Array
 ) -> None:
-    """Compute the residual of every rod (rad) into `worst`, and the slopes for the Newton step."""
+    """Write the residual of every rod (rad) to `worst`, and compute slopes for the Newton step."""
     count = panels.size // (col.PANEL_WIDTH * B)
     last = from_panel(nodes, count, col.NODE_WIDTH)
     for k in range(B):

@@ -1,4 +1,4 @@
-"""Equilibrium of one rod under one load, from a cold start or from a neighbor."""
+"""Equilibrium of one rod under one load, from a cold start or from a neighboring solution."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def newton(
 ) -> tuple[float, int]:
     """Solve for equilibrium by the compiled kernel, or by numpy without one.
 
-    As `collocation.newton`.
+    Arguments are those of `collocation.newton`.
     """
     bring = collocation.newton if is_compiled() else collocation_numpy.newton
     return bring(panels, ends, nodes, most_iterations, tolerance)
@@ -82,7 +82,7 @@ class BoundaryValueProblem:
         )
 
     def refine_as(self, known: SolverNodes, finest: float) -> None:
-        """Refine the mesh at once where the mesh of a neighbor had to be refined.
+        """Refine the mesh at once where that of a neighboring solution had to be refined.
 
         finest (m): the detail that a mesh must resolve.
         """
@@ -137,8 +137,8 @@ class BoundaryValueProblem:
     def solve(self, start: SolverNodes | None, quick: bool = False) -> str:
         """Solve; return an empty sentence, or why there is no solution.
 
-        quick: give up if the solution would have to be followed along the load, in many small
-        steps.
+        quick: whether to give up if the solution would have to be followed along the load, in many
+        small steps.
         """
         finest = self.settings.finest_detail * self.rods.length
         if start is not None:
@@ -159,7 +159,7 @@ class BoundaryValueProblem:
         return ''
 
     def solution(self) -> SolverNodes:
-        """Return the present nodes, frozen; the problem can only continue on a new mesh."""
+        """Return the current nodes, frozen; the problem can then only continue on a new mesh."""
         return SolverNodes(
             panels=freeze(self.panels),
             ends=freeze(self.ends.copy()),

@@ -278,7 +278,7 @@ def newton(
         following = residual_pass(panels, ends, nodes, slopes, scale)
         halvings = 0
         while not following < residual and halvings < NEWTON_HALVINGS:
-            if residual <= ACCEPTED:  # rounding: no step will help any more
+            if residual <= ACCEPTED:  # rounding: no further step helps
                 blend(before, 0.0, before, nodes)
                 return residual, iteration
             blend(nodes, 0.5, before, nodes)

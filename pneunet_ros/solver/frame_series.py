@@ -47,7 +47,7 @@ class FrameSolutions(NamedTuple):
 def most_panels(
     rods: Rods, loads: Array, decay_lengths: float, turn: float, most: int
 ) -> Integers:
-    """Return the number of panels per section that suffices for all rods, from `panel_counts`."""
+    """Return a number of panels per section that suffices for all rods, by `panel_counts`."""
     counts = np.zeros(rods.sections.shape[1], dtype=np.int64)
     ends = np.empty(col.END_WIDTH)
     for rod in range(len(loads)):

@@ -164,7 +164,7 @@ def change_panel(
 ) -> None:
     """Write changes of h x', h y', h M', h (kappa - kappa0) at the inner points to out (4, INNER).
 
-    angle (INNER,): of the unloaded rod from the start of the panel. missing (4,): the change of
+    angle (INNER,) of the unloaded rod from the start of the panel. missing (4,): the change of
     the whole panel minus the integral of out.
     """
     moment, bent, gauss = scratch[0], scratch[1], scratch[4:]
@@ -228,8 +228,8 @@ def panel_changes(
     """Compute the change of the panels per unit of each cause, into out (causes, panels, 16).
 
     length (2, causes), sections (2, causes, sections, 8), knots (2, causes, pieces + 1) and
-    rotation (2, causes, pieces, 5) and clamp (2, causes, 5) are records on both sides of it,
-    distance (causes,) apart; ends and counts are those of the rod.
+    rotation (2, causes, pieces, 5) and clamp (2, causes, 5) are records on both sides of each
+    cause, distance (causes,) apart; ends and counts are those of the rod.
     """
     shape = out.shape[1], out.shape[2]
     before, after = np.empty(shape), np.empty(shape)

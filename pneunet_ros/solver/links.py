@@ -1,7 +1,7 @@
 """A solved rod as a chain of equal links, the form in which its motion is computed.
 
-Link i is straight, has the heading of the rod in its middle, and a joint with the rod's stiffness
-at its beginning. Frequencies and shapes are second order in the length of a link.
+Link i is straight, with the heading of the rod in its middle, and begins with a joint that has the
+stiffness of the rod. Frequencies and shapes are second-order accurate in the length of a link.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.columns import panel_force, read_panel
 from pneunet_ros.solver.panel import C1, C2, C3, C4, curvature_change, resolve, sine_cosine
 
-ABSCISSAE = np.array([0.0, C1, C2, C3, C4, 1.0])  # where the nodes of a panel know theta
+ABSCISSAE = np.array([0.0, C1, C2, C3, C4, 1.0])  # places on a panel at which nodes have theta
 
 
 class Links(NamedTuple):
@@ -41,7 +41,7 @@ class Masses(NamedTuple):
 
 
 def room_for_links(count: int, offset: float = 0.0) -> Links:
-    """Return an uninitialized chain of this many links; offset (m): of the end load."""
+    """Return an uninitialized chain of this many links; offset (m) of the end load."""
     return Links(
         heading=np.empty(count),
         length=np.empty(count),

@@ -45,7 +45,7 @@ def modes_of(links: Links, masses: Masses, damping_time: float, count: int) -> M
 
     damping_time: s, Kelvin-Voigt. The stiffness is the second variation of the energy.
     """
-    from scipy.linalg import eigh, LinAlgError  # slow to import, and few arms are asked to move
+    from scipy.linalg import eigh, LinAlgError  # slow to import, and rarely needed
 
     inertia, stiffness = mass_matrix(links, masses), stiffness_matrix(links)
     try:

@@ -95,7 +95,7 @@ def dot(a: Four, b: Four) -> float:
 
 @inlined
 def total(a: Four) -> float:
-    """Return the sum of a row."""
+    """Return the sum of the entries of a row."""
     a1, a2, a3, a4 = a
     return a1 + a2 + a3 + a4
 

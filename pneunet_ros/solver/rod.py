@@ -1,4 +1,4 @@
-"""The record of the rod: everything that the equilibrium equations need to know of an arm."""
+"""The record of the rod: all that the equilibrium equations need to know about an arm."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def mix(one_share: float, one: Array, other_share: float, other: Array, out: Arr
 class RodTable:
     """Sections and rotation of an arm without effects at every pressure of its tables.
 
-    Curvature and moment laws are linear in pressure between table rows, so this is one linear
-    table. pressure (rows,) Pa; sections (rows, sections, 8); rotation (rows, pieces, 5).
+    Curvature and moment laws are linear in pressure between table rows, so one linear table
+    suffices. pressure (rows,) Pa; sections (rows, sections, 8); rotation (rows, pieces, 5).
     """
 
     pressure: Array
@@ -100,6 +100,6 @@ class RodTable:
         """Return sections (n, sections, 8) and rotation (n, pieces, 5) at these pressures (n,)."""
         sections = np.empty((pressure.size, *self.sections.shape[1:]))
         rotation = np.empty((pressure.size, *self.rotation.shape[1:]))
-        at = frozen_array(pressure)  # a kernel is compiled again for one that may be written
+        at = frozen_array(pressure)  # a kernel would be compiled again for a writable array
         interpolate_rows(self.pressure, self.sections, self.rotation, at, sections, rotation)
         return sections, rotation

@@ -18,16 +18,16 @@ from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import ACCEPTED
 
 FIRST_LOAD = not_literal(col.FORCE_X)
-UNSTABLE, STABLE, NOT_DEFINED = range(3)  # what a rod of the same kind is
+UNSTABLE, STABLE, NOT_DEFINED = range(3)  # stability of the same kind
 
 
 class Response(NamedTuple):
     """A solved rod and its response to loads and further causes, as the kernels take it.
 
-    panels, ends and nodes: of the solution; knots (pieces + 1,) m and rotation (pieces, 5): as in
+    panels, ends and nodes of the solution; knots (pieces + 1,) m and rotation (pieces, 5): as in
     `Rods`. panel_changes (further, panels, 16), end_changes (further, 6) and rotation_changes
-    (further, pieces, 5): of the record, per further cause; node_changes (3 + further, panels + 1,
-    6): of the solution, per load and per further cause.
+    (further, pieces, 5) of the record, per further cause; node_changes (3 + further, panels + 1,
+    6) of the solution, per load and per further cause.
     """
 
     panels: Array
@@ -98,8 +98,8 @@ def settle(
 ) -> bool:
     """Solve the rod from the end of a tangent; return whether it is a neighbor of the start.
 
-    It is not if Newton's method moves further than the tangent, reach (rad), or to a rod of
-    another stability.
+    It is none if Newton's method moves further than the tangent, reach (rad), or to a rod of
+    different stability.
     """
     predicted = np.empty_like(nodes)
     write(nodes, predicted)

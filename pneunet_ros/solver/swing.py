@@ -9,7 +9,7 @@ loads, Lagrange's equations in the momenta p = dT/dq' are
     q' = A^-1 (p - A_e),   p' = d(T - V)/dq - damping,
 
 A (shapes, shapes) the inertia of the shapes and A_e that of the moving equilibrium against them.
-Momenta are continuous where the pressure begins to rise. Damping is of the Kelvin-Voigt type:
+Momenta are continuous when the pressure begins to rise. Damping is of the Kelvin-Voigt type:
 damping_time times the stiffness of a joint times the rate at which it bends.
 """
 
@@ -63,7 +63,7 @@ def at_rest(shapes: int) -> Swing:
 
 
 def room_for(shapes: int, links: int) -> Room:
-    """Return the work arrays of `go_on`."""
+    """Return the work arrays of `advance_chain`."""
     return Room(
         turns=np.empty((2 * shapes + 1, links)),
         way=np.empty((shapes + 1, 2, links + 1)),
@@ -114,7 +114,7 @@ def slopes(
 ) -> None:
     """Write the rates (2, shapes) of q and p at a share of the time between readings to out.
 
-    rate 1/s: of that fraction. Fills in room: turns, of the equilibrium with its shapes per second
+    rate 1/s of that fraction. Fills in room: turns, of the equilibrium with its shapes per second
     (1, links), then the shapes (shapes, links), then their change per second; way (1 + shapes, 2,
     links + 1) m, the motion of link centers and tip per unit of these; gram (1 + shapes, 1 +
     shapes), their inertia; bends (shapes, links) rad of the joints; damped (shapes,), the damping
@@ -175,7 +175,7 @@ def slopes(
     solve_small(matrix, right)
     for a in range(count):
         out[Q, a], out[P, a], room.damped[a] = right[a, 0], 0.0, 0.0
-    # From the tip inwards: the momentum of all that is beyond.
+    # From the tip inwards: the momentum of everything beyond.
     x, y = masses.tip * velocity(way, out, 0, links), masses.tip * velocity(way, out, 1, links)
     for i in range(links - 1, -1, -1):
         mx = masses.mass[i] * velocity(way, out, 0, i)
@@ -195,7 +195,7 @@ def slopes(
                 inner_turning += out[Q, a] * turns[1 + a, i - 1]
         push = length[i] * (fy * tilt_x[i] - fx * tilt_y[i])
         push -= length[i] * turning * (cosine[i] * px + sine[i] * py)
-        if i + 1 == links:  # the load acts beside the tip
+        if i + 1 == links:  # the load acts at an offset from the tip
             offset = between(before.offset, after.offset, share)
             push -= offset * (fx * tilt_x[i] + fy * tilt_y[i])
         spin = length[i] * (cosine[i] * py - sine[i] * px)
@@ -209,7 +209,7 @@ def slopes(
 
 @inner
 def velocity(way: Array, rates: Array, axis: int, place: int) -> float:
-    """Return the velocity (m/s) of a point: of the equilibrium and of the shapes."""
+    """Return the velocity (m/s) of a point, by the equilibrium and by the shapes."""
     total = way[0, axis, place]
     for a in range(rates.shape[1]):
         total += rates[Q, a] * way[1 + a, axis, place]
@@ -254,10 +254,12 @@ def advance(
 
 
 @inner
-def errors_that_stay(state: Array, damping: Array, room: Room, inverse: Array, out: Array) -> None:
+def constant_error_rates(
+    state: Array, damping: Array, room: Room, inverse: Array, out: Array
+) -> None:
     """Return derivatives of the rates by relative errors of mass and damping, (2, 2 shapes).
 
-    damping (shapes, shapes): of p per q'; inverse: that of the inertia of the shapes.
+    damping (shapes, shapes) of p per q'; inverse: that of the inertia of the shapes.
     """
     count = damping.shape[0]
     for a in range(count):
@@ -276,7 +278,7 @@ def linear_rates(
 ) -> Array:
     """Return d(rates) / d(q, p), (2 shapes, 2 shapes), at the state that `slopes` has seen last.
 
-    Fills damping and inverse (shapes, shapes) as `errors_that_stay` takes them.
+    Fills damping and inverse (shapes, shapes) in the form for `constant_error_rates`.
     """
     count, size = moments.shape
     stiff, gram = np.zeros((count, count)), np.empty((count, count))
@@ -339,7 +341,7 @@ def transition(rates: Array, seconds: float, steps: int) -> Array:
 
 
 @kernel
-def go_on(
+def advance_chain(
     swing: Swing,
     seconds: float,
     steps: int,
@@ -369,7 +371,7 @@ def go_on(
         for a in range(count):
             room.rates[row, a] = rates[row, a]
     linear = linear_rates(after, damping_time, moments, room, damping, inverse)
-    errors_that_stay(swing.state, damping, room, inverse, errors)
+    constant_error_rates(swing.state, damping, room, inverse, errors)
     transition_matrix = transition(linear, seconds, steps)
     size = 2 * count
     columns, covariance = np.empty((2, size)), np.empty((size, size))
@@ -437,7 +439,7 @@ def follow_series(
     """Follow a chain through a series of solved rods, without the errors of its swing.
 
     solved: tables of the rods, (readings, ...) each. start (2, shapes): q and p at the first.
-    seconds (readings,): since the previous reading; steps (readings,): of the integration, 0 where
+    seconds (readings,): since the previous reading; steps (readings,) of the integration, 0 where
     the chain is at rest again. pair: room for two chains. Fills at_nodes (readings, 3, n + 2): x,
     y (m), theta (rad) relative to the equilibrium, at the clamp, the link centers and the tip.
     """
@@ -507,9 +509,9 @@ def follow_swing(
     """Advance a chain to the equilibrium of a solved rod, and return its position there.
 
     solved: tables of the rod, whose links are written into after. swing is advanced in place;
-    steps: 0 if it is at rest, and `before` is not used. Other arguments as in `go_on`. Fills
-    at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and the tip: x, y (m), theta
-    (rad) relative to the equilibrium, then their changes per q of each shape; at_joints (2 +
+    steps: 0 if it is at rest, and `before` is not used. Other arguments as in `advance_chain`.
+    Fills at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and the tip: x, y (m),
+    theta (rad) relative to the equilibrium, then their changes per q of each shape; at_joints (2 +
     shapes, n + 1), at the joints and the tip: curvature (1/m) and moment (N m) relative to the
     equilibrium, then the change of curvature per q; tip (5,): its velocity (m/s, rad/s), and its
     velocity in x, y if the equilibrium stopped.
@@ -518,7 +520,9 @@ def follow_swing(
     cut_links(panels, ends, nodes, after.heading, after.length, after.compliance, after.force)
     count, links = moments.shape
     if steps:
-        go_on(swing, seconds, steps, before, after, masses, damping_time, moments, turned, room)
+        advance_chain(
+            swing, seconds, steps, before, after, masses, damping_time, moments, turned, room
+        )
         for i in range(links):
             turned[i] = (after.heading[i] - before.heading[i]) / seconds
     else:
@@ -540,7 +544,7 @@ def follow_swing(
         reach += panels[p, col.PANEL_LENGTH]
     for i in range(links):
         at_joints[0, i], at_joints[1, i] = 0.0, 0.0
-        # The joint at the clamp stands for half a link, and has what the clamp gives.
+        # The joint at the clamp stands for half a link, and includes the compliance of the clamp.
         compliance = after.compliance[i] if i else after.compliance[1]
         for a in range(count):
             bend = moments[a, i] * compliance * links / reach
@@ -580,13 +584,13 @@ def widen(
     """Add the uncertainty of a swing to standard deviations, in place.
 
     The noise of a reading moves the equilibrium at once and the arm later, each shape at its own
-    rate: errors across the direction of the equilibrium then no longer cancel.
+    rate, so that errors across the direction of the equilibrium no longer cancel.
 
-    relative (2,): one sigma of mass and damping; left_out m: of the tip, in each shape; length (m)
+    relative (2,): one sigma of mass and damping; left_out m of the tip, in each shape; length (m)
     of the arm; by_reading (readings, 3): change of x, y (m), theta of the tip in equilibrium by
     one sigma of each reading, which covariance includes. along (3 + 3 shapes, places), bent (2 +
     shapes, places): as at_nodes and at_joints of `follow_swing`, at places of which the last is
-    the tip; std (3, places): of x, y (m) and curvature (1/m); covariance (3, 3): of x, y, theta of
+    the tip; std (3, places) of x, y (m) and curvature (1/m); covariance (3, 3) of x, y, theta of
     the tip.
     """
     count = swing.state.shape[1]
@@ -620,7 +624,7 @@ def widen(
                     both = along[3 + 3 * a + row, tip] * along[3 + 3 * b + column, tip]
                     covariance[row, column] += q[a, b] * both
     unit = np.ones(3)
-    unit[2] = length  # by which an angle counts
+    unit[2] = length  # weight of an angle
     moved, shapes = np.empty(by_reading.shape), np.empty((count, 3))
     parts = np.empty((len(by_reading), count, 3))
     for row in range(3):

@@ -23,7 +23,7 @@ from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.model.vibration import links_at, masses_of, vibration
 from pneunet_ros.solver.links import mass_matrix
-from pneunet_ros.solver.swing import at_rest, go_on, part_shapes, room_for, Swing
+from pneunet_ros.solver.swing import advance_chain, at_rest, part_shapes, room_for, Swing
 import pytest
 from support.example_arms import paper_arm
 from support.refusals import refused
@@ -72,7 +72,9 @@ def test_a_small_swing_is_the_vibration_of_the_linearized_rod(pressure):
     frequency, rate = modes.frequency[0], modes.damping[0]
     damped = np.sqrt(frequency**2 - 0.25 * rate**2)
     for index in range(1, 100):
-        go_on(swing, 0.01, 2, links, links, masses, DAMPING_TIME, modes.moment, still, room)
+        advance_chain(
+            swing, 0.01, 2, links, links, masses, DAMPING_TIME, modes.moment, still, room
+        )
         time = 0.01 * index
         wave = np.cos(damped * time) + 0.5 * rate / damped * np.sin(damped * time)
         wanted = 1e-4 * np.exp(-0.5 * rate * time) * wave
@@ -105,7 +107,7 @@ def test_without_damping_a_large_swing_keeps_its_energy():
     first = energy(arm, swing, modes.moment, links)
     turned = 0.0
     for _ in range(150):
-        go_on(swing, 0.01, 4, links, links, masses, 0.0, modes.moment, still, room)
+        advance_chain(swing, 0.01, 4, links, links, masses, 0.0, modes.moment, still, room)
         assert energy(arm, swing, modes.moment, links) == pytest.approx(first, rel=2e-3)
         turned = max(turned, np.abs(swing.state[0] @ modes.shape)[-1])
     assert turned > 1.0  # rad: it is large
@@ -122,7 +124,7 @@ def test_errors_of_mass_and_damping_are_those_of_a_swing_with_others():
         swing, room = at_rest(2), room_for(2, low.heading.size)
         before, still = low, np.zeros(low.heading.size)
         for _ in range(60):
-            go_on(
+            advance_chain(
                 swing, 0.01, 2, before, high, masses, (1.0 + damping) * DAMPING_TIME,
                 modes.moment, still, room,
             )  # fmt: skip

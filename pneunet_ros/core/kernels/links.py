@@ -95,7 +95,7 @@ def link(kernel: Any, sources: str) -> None:
 
 
 def give_name(kernel: str, result: Any) -> None:
-    """Give compiled code a symbol that is the same in every process."""
+    """Give compiled code the same symbol in every process."""
     from llvmlite import binding  # it comes with numba
 
     descriptor, types = copy(result.fndesc), tuple(result.signature.args)

@@ -20,10 +20,10 @@ def noise_jacobian(
 ) -> Array:
     """Return the noise input matrix: the change of every cause by one sigma of each error source.
 
-    reading: pressure (Pa) and wrench (N, N m) of the sensors; std: of F1, F2, M and the pressure.
+    reading: pressure (Pa) and wrench (N, N m) of the sensors; std of F1, F2, M and the pressure.
     Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the model's
     covariance; the causes are those of `model.equilibrium.linearize_shape`. Sensing effects change
-    the meaning of a reading error, and model columns the meaning of a reading.
+    what an error of a reading means, and columns of the model what a reading means.
     """
     columns = table.distance.size - 1
     size = PRESSURE + 1 + columns

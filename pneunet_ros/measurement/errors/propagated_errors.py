@@ -32,7 +32,7 @@ NOTHING_SEEN = np.zeros(0, np.intp)
 class PropagatedErrors:
     """Covariance (3, 3) of x, y (m), theta (rad) of the tip, and standard deviations.
 
-    std (3, stations): of x, y (m) and curvature (1/m) along the arm. second_order: effect of
+    std (3, stations) of x, y (m) and curvature (1/m) along the arm. second_order: effect of
     errors beyond the linearization, included in both; None if there is none, or if the shape was
     measured.
     """
@@ -58,9 +58,9 @@ class SeenShape:
     """Arclengths at which the shape was measured, and the accuracy.
 
     at: stations and measured places (m) with their changes; stations: indices of the stations;
-    seen: indices of the measured places; std (2, seen) m. If the linear parts of errors cancel at
-    the measured places but their second order does not, they cannot reach one sigma: the
-    measurements limit them where the second order is as large as their noise.
+    seen: indices of the measured places; std (2, seen) m. Errors whose linear parts cancel at the
+    measured places, but whose second-order parts do not, cannot reach one sigma: the measurements
+    limit them to a size at which the second order equals the noise.
     """
 
     at: PlaceChanges
@@ -165,7 +165,7 @@ def carry_errors(
 
 @inner
 def single_causes(amounts: Array, mixing: Array) -> Array:
-    """Return the single causes (single,) for given amounts of the causes (causes,)."""
+    """Return amounts of the single causes (single,) for amounts of the causes (causes,)."""
     single = np.zeros(mixing.shape[1])
     for cause in range(mixing.shape[0]):
         for i in range(single.size):

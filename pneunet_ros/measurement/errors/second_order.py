@@ -3,10 +3,10 @@
 The tip of a nearly straight arm moves along the arm only by the square of an error, so that its
 covariance to first order is singular there. One direction is enough: the one in which errors of
 readings and model together move the tip most. With r(+-) the shapes at one sigma to either side,
-delta = (r(+) + r(-) - 2 r(0)) / 2 and an error of xi sigma moves the arm by xi J d + xi^2 delta;
-of a normal xi the second moment of the latter is 3 delta delta^T about the shape that is
-published, of which 2 are its covariance and 1 the square of its mean. It has no correlation with
-the first-order error, and so counts as one more independent source.
+let delta = (r(+) + r(-) - 2 r(0)) / 2. An error of xi sigma moves the arm by xi J d + xi^2 delta.
+For normal xi, the second moment of the last term about the published shape is 3 delta delta^T, of
+which 2 are its covariance and 1 the square of its mean. The term is uncorrelated with the
+first-order error, and so counts as one more independent source.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class SecondOrderSettings:
 
     steps: tuple[float, ...] = tuning(
         (1.0, 0.5, 0.25, 0.125),
-        'along the leading error, the first at which both sides have an equilibrium of the kind',
+        'along the leading error; the first one at which both sides have an equilibrium of the '
+        'same kind',
         unit='sigma',
     )
 
@@ -44,7 +45,7 @@ KINDS = {None: NOT_DEFINED, True: STABLE, False: UNSTABLE}  # of a rod, by wheth
 class SecondOrder:
     """The solved rod on both sides of an estimate, `step` sigma along its leading error.
 
-    sensitivity: of the estimate.
+    sensitivity: that of the estimate.
     """
 
     sensitivity: Sensitivity
@@ -62,7 +63,7 @@ class SecondOrder:
 
 @inner
 def second_order_factor(step: float) -> float:
-    """Return the standard deviation of the square of a normal error, per second difference."""
+    """Return the std of the square of a normal error, relative to the second difference."""
     return 0.5 * math.sqrt(SECOND_MOMENT) / step**2
 
 

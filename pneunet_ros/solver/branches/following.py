@@ -42,8 +42,8 @@ def follow(
     counts (sections,): the panels of that mesh on each section; finest (m): the detail that it
     must resolve; coarser: as in `SolverSettings`. Fills panels, nodes and the fields (6, stations)
     at stations of increasing arclength (m). Returns whether the rod is in equilibrium (stable, if
-    stability is defined), the residual (rad), and the number of Newton steps. False: another mesh
-    or another start is needed.
+    stability is defined), the residual (rad), and the number of Newton steps. If the first is
+    False, another mesh or another start is needed.
     """
     needed = panel_counts(
         length, sections, rotation, ends, decay_per_panel, turn_per_panel, most_panels
