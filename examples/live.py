@@ -1,17 +1,20 @@
-"""The whole stack without hardware: virtual arm, estimator, tracker and fusion, and what they say.
+"""Run the whole stack without hardware: virtual arm, estimator, tracker and fusion.
 
     make live                     (Ctrl-C ends it)
     python examples/live.py --seconds 30 --effects "hysteresis.width=4000"
     make live ARGS=--ring
 
-Every node is a process of its own, started as a user would. This one commands a pressure that
-swells and falls, pulls at the tip, and prints once a second: the pressure; the tip as estimated;
-how far that is from the true one, and how far the fused one is; the pull, and how far the force is
-from it that the fusion estimates without a force sensor; the targets that the tracker sees in the
-images, and how far they are from the estimated shape (rms); how often estimates and targets come.
-A hidden effect is one that the model does not know: the distances grow. With --ring the arm has
-mass, moved by MuJoCo, and the pressure steps: the model has `motion`, and whatever takes an arm
-for one at rest is centimeters off.
+Every node runs in its own process, started as a user would start it. This script commands a
+pressure that rises and falls, pulls at the tip, and prints every second:
+
+- the pressure, the estimated tip, and its distance from the true tip; that of the fused tip
+- the pull, and the error of the force that the fusion estimates without a force sensor
+- the number of targets that the tracker sees, and their rms distance from the estimated shape
+- the rates of estimates and frames
+
+With a hidden effect, which the model does not have, the distances grow. With --ring the arm has
+mass, simulated by MuJoCo, and the pressure steps: the model has `motion`, because an estimate that
+assumes an arm at rest would be off by centimeters.
 """
 
 from __future__ import annotations
@@ -50,18 +53,18 @@ NAMESPACE = '/pneunet'
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
 STEP_PERIOD = 5.0  # s
 PULL, PULL_PERIOD = (0.03, 0.01), 11.0  # N, s
-START_TIMEOUT = 900.0  # s; the very first time the virtual arm compiles its kernels
-STILL_STARTING = 30.0  # s, after which this is said, and again
+START_TIMEOUT = 900.0  # s; the virtual arm compiles its kernels at the first start
+STILL_STARTING = 30.0  # s between reminders
 
 
 class Process:
-    """A node in a process of its own, gone when this is left."""
+    """A node in its own process, which ends with the context."""
 
     def __init__(self, node: str, *parameters: str) -> None:
         given = [text for parameter in parameters for text in ('-p', parameter)]
         start = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', '--ros-args']
         command = [*start, '-r', f'__ns:={NAMESPACE}', *given]
-        # In a session of its own, so that Ctrl-C here does not hit it while it is starting.
+        # In its own session, so that Ctrl-C does not interrupt it while it starts.
         self.node, self.process = node, subprocess.Popen(command, start_new_session=True)
 
     def __enter__(self) -> Process:
@@ -76,7 +79,7 @@ class Process:
 
 
 class Watcher(Node):
-    """Commands a pressure and listens to everybody."""
+    """Commands pressure and load, and compares the outputs of all nodes."""
 
     def __init__(self, *, steps: bool) -> None:
         super().__init__('live', namespace=NAMESPACE)
@@ -91,7 +94,7 @@ class Watcher(Node):
         self.fused_misses: list[float] = []  # mm
         self.pull = (0.0, 0.0)  # N
         self.force_misses: list[float] = []  # mN
-        self.seen, self.beside = 0, math.nan
+        self.seen, self.distance = 0, math.nan
         self.estimates = self.frames = 0
         self.commands = self.create_publisher(FluidPressure, 'pressure_command', 10)
         self.loads = self.create_publisher(WrenchStamped, 'force_command', 10)
@@ -108,7 +111,7 @@ class Watcher(Node):
             self.create_subscription(kind, topic, take, 10)
 
     def command(self) -> None:
-        """Swell and fall, and pull, once there are estimates of both kinds and targets."""
+        """Command pressure and load, once estimates of both nodes and targets have arrived."""
         if self.begun is None and self.estimates and self.fused_misses and self.seen:
             self.begun = time.monotonic()
             self.begin_line()
@@ -136,7 +139,7 @@ class Watcher(Node):
         self.fused_misses += self.miss(message)
 
     def miss(self, message: PoseWithCovarianceStamped) -> list[float]:
-        """How far a tip is from the true one of its stamp (mm), where that is known."""
+        """Return the distance (mm) from the true tip at the same stamp; empty if unknown."""
         return [
             1000.0 * apart(message.pose.pose, true.pose)
             for true in self.true_tips
@@ -160,10 +163,10 @@ class Watcher(Node):
         there = [np.interp(self.arclength, shape['s'], shape[name]) for name in ('x', 'y')]
         if self.seen:
             squares = (places - np.column_stack(there)) ** 2
-            self.beside = 1000.0 * math.sqrt(np.nanmean(squares.sum(axis=1)))
+            self.distance = 1000.0 * math.sqrt(np.nanmean(squares.sum(axis=1)))
 
     def line(self, elapsed: float) -> str:
-        """Say what came in so many seconds, and begin anew."""
+        """Summarize the messages of this many seconds, and start the next line."""
         if self.tip is None:
             return 'waiting for estimates'
         place = self.tip.pose.pose.position
@@ -173,31 +176,31 @@ class Watcher(Node):
             f'fused {mean(self.fused_misses)} mm   '
             f'pull {1000.0 * math.hypot(*self.pull):4.1f} mN, '
             f'force off by {mean(self.force_misses)} mN   '
-            f'{self.seen:2d}/{self.arclength.size} targets, {self.beside:5.2f} mm from the shape'
+            f'{self.seen:2d}/{self.arclength.size} targets, {self.distance:5.2f} mm from the shape'
             f'   {self.estimates / elapsed:5.1f} estimates/s {self.frames / elapsed:4.1f} frames/s'
         )
         self.begin_line()
         return text
 
     def begin_line(self) -> None:
-        """Forget what the last line was of."""
+        """Reset the statistics of a line."""
         self.estimates = self.frames = 0
         for misses in (self.misses, self.fused_misses, self.force_misses):
             misses.clear()
 
 
 def swing(since: float, period: float) -> float:
-    """Go from 0 to 1 and back in a period."""
+    """Return a share that goes from 0 to 1 and back in a period."""
     return 0.5 * (1.0 - math.cos(2.0 * math.pi * since / period))
 
 
 def mean(misses: list[float]) -> str:
-    """Return the mean in words, a dash where there was nothing."""
+    """Return the mean as text; a dash without values."""
     return f'{np.mean(misses):5.2f}' if misses else '    -'
 
 
 def apart(one: Any, other: Any) -> float:
-    """Distance of two poses (m)."""
+    """Return the distance between two poses (m)."""
     return math.hypot(one.position.x - other.position.x, one.position.y - other.position.y)
 
 
@@ -206,34 +209,34 @@ def seconds(message: Any) -> float:
 
 
 def watch(processes: list[Process], limit: float, *, steps: bool) -> int:
-    """Print a line a second until the time is over; 1 where a node ended or nothing was seen."""
+    """Print a line every second; return 1 if a node ended or sent nothing, else 0."""
     watcher, executor = Watcher(steps=steps), SingleThreadedExecutor()
     executor.add_node(watcher)
-    start = told = time.monotonic()
+    start = printed = time.monotonic()
     reminded = 0
     while True:
         executor.spin_once(timeout_sec=0.1)
         now = time.monotonic()
         for process in processes:
             if process.process.poll() is not None:
-                print(f'{process.node} has ended by itself', file=sys.stderr)
+                print(f'{process.node} ended unexpectedly', file=sys.stderr)
                 return 1
-        if now - told >= 1.0:
+        if now - printed >= 1.0:
             if watcher.begun is not None:
-                print(watcher.line(now - told), flush=True)
-            told = now
+                print(watcher.line(now - printed), flush=True)
+            printed = now
         if watcher.begun is None and now - start > STILL_STARTING * (reminded + 1):
             reminded += 1
             print(f'still preparing after {now - start:.0f} s', flush=True)
         if watcher.begun is None and now - start > START_TIMEOUT:
-            print('no estimates and targets have come', file=sys.stderr)
+            print('no estimates or targets received', file=sys.stderr)
             return 1
         if limit and watcher.begun is not None and now - watcher.begun > limit:
             return 0
 
 
 def moving_model(folder: Path) -> Path:
-    """Return a file of the model with the damping of the ringing arm, as calibrate finds it."""
+    """Return a model file with the damping of the ringing arm, as from `calibrate --motion`."""
     motion = load_scenario(RINGING).motion
     assert motion is not None
     arm = replace(load_model(MODEL), motion=Motion(damping_time=motion.damping_time))
@@ -247,18 +250,18 @@ def main() -> int:
         '--seconds',
         type=float,
         default=float(os.environ.get('LIVE_SECONDS') or 0.0),
-        help='end after so many (default: LIVE_SECONDS; 0: at Ctrl-C)',
+        help='end after this time (default: LIVE_SECONDS; 0: at Ctrl-C)',
     )
-    parser.add_argument('--effects', default='', help='hidden ones: NAME.PARAMETER=VALUE ...')
+    parser.add_argument('--effects', default='', help='hidden effects: NAME.PARAMETER=VALUE ...')
     parser.add_argument(
-        '--ring', action='store_true', help='an arm with mass, whose pressure steps (needs MuJoCo)'
+        '--ring', action='store_true', help='an arm with mass under pressure steps (needs MuJoCo)'
     )
     arguments = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     print(
-        'starting virtual_arm, estimator, tracker and fusion; the first time they also compile, '
-        'some 20 s of CPU, and all but the virtual arm work meanwhile',
+        'starting virtual_arm, estimator, tracker and fusion; at the first start, kernels are '
+        'compiled (about 20 s of CPU), for which only the virtual arm waits',
         flush=True,
     )
     try:

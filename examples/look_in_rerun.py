@@ -3,9 +3,9 @@
     pip install rerun-sdk
     python examples/look_in_rerun.py FILE.mcap [FILE.mcap ...] [--save FILE.rrd]
 
-Rerun reads the messages itself. What it cannot know is in which frame to draw: that is all that is
-added here. The files are what `pneunet track --with-images` and `pneunet replay` wrote of the same
-run; they are shown together.
+Rerun reads the messages itself; this script only adds the frame in which to draw them. The files
+are outputs of `pneunet track --with-images` and `pneunet replay` for the same run, and are shown
+together.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import rerun
 from rerun import blueprint
 
 BASE_FRAME = 'pneunet_base'
-ABOVE = (0.05, 0.03, 0.25)  # m, from where one looks
+ABOVE = (0.05, 0.03, 0.25)  # m, position of the viewer
 LOOKED_AT = (0.05, 0.03, 0.0)  # m, the middle of an arm of some 10 cm
 
 
 def draw_layout(namespace: str) -> blueprint.Blueprint:
-    """Return the arm in its base frame, x to the right, beside camera and pressure."""
+    """Return a layout: the arm in its base frame, x to the right; camera; pressure."""
     return blueprint.Blueprint(
         blueprint.Horizontal(
             blueprint.Spatial3DView(
                 name='arm',
                 origin='/',
-                # The image stands in the camera's frame, which the recording does not place.
+                # The recording does not contain the pose of the frame of the image.
                 contents=[
                     '$origin/**',
                     f'- {namespace}/image_raw/**',
@@ -54,9 +54,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description='look at recordings of one run in Rerun')
     parser.add_argument('recordings', type=Path, nargs='+', metavar='FILE.mcap')
     parser.add_argument(
-        '--namespace', default='/pneunet', help='of its topics (default: /pneunet)'
+        '--namespace', default='/pneunet', help='namespace of the topics (default: /pneunet)'
     )
-    parser.add_argument('--save', type=Path, metavar='FILE.rrd', help='write this instead')
+    parser.add_argument(
+        '--save',
+        type=Path,
+        metavar='FILE.rrd',
+        help='write this file instead of opening the viewer',
+    )
     arguments = parser.parse_args()
     for recording in arguments.recordings:
         if not recording.is_file():

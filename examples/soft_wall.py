@@ -2,10 +2,10 @@
 
     python examples/soft_wall.py --ros-args -p place:="[0.0896, 0.0572]" -p normal:=-0.82
 
-It goes through `place` (m); behind it the tip is pushed along the normal, whose angle is `normal`
-(rad), by `stiffness` (N/m) times the depth, without friction. The virtual arm takes a load and
-gives a tip, so the force follows the depth a little late, and slowly: the arm has no mass, and one
-that gives by some meters per newton would swing.
+The wall goes through `place` (m). Behind it the tip is pushed along the normal, at the angle
+`normal` (rad), by `stiffness` (N/m) times the depth, without friction. The force follows the depth
+with a delay, because the virtual arm needs a load to compute a tip, and slowly, because an arm
+without mass and with a compliance of meters per newton would oscillate.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 RATE = 100.0  # Hz, of loads
-FOLLOWS = 0.02  # part of the way to its force that the wall goes each time
+FOLLOWS = 0.02  # share of the remaining change of force per step
 
 
 class SoftWall(Node):
-    """The true tip in, the load on it out."""
+    """Turns the true tip into a load on it."""
 
     def __init__(self) -> None:
         super().__init__('soft_wall', namespace='/pneunet')
@@ -44,11 +44,11 @@ class SoftWall(Node):
         self.depth = max(0.0, (x - tip.x) * along_x + (y - tip.y) * along_y)
 
     def follow(self) -> None:
-        """Go a part of the way to the force that belongs to the depth."""
+        """Move the force towards the one at this depth."""
         self.push(self.force + FOLLOWS * (self.stiffness * self.depth - self.force))
 
     def push(self, force: float) -> None:
-        """Put a load on the tip; one that is next to nothing is none."""
+        """Apply a load to the tip; a negligible one counts as none."""
         self.force = force if force > 1e-6 else 0.0
         message = WrenchStamped()
         message.header.frame_id = 'pneunet_base'
@@ -58,14 +58,14 @@ class SoftWall(Node):
 
 
 def main() -> None:
-    # ROS must still be there after the signal, to take the load away.
+    # ROS must still run after the signal, to remove the load.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    # It ends nothing by itself: an exception in the middle of a call of ROS is no clean end.
+    # The handler raises nothing, because an exception within a call of ROS is no clean end.
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: stopped.append(number))
     node = SoftWall()
-    node.get_logger().info('a soft wall stands in the way')
+    node.get_logger().info('the soft wall is ready')
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

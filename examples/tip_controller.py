@@ -1,13 +1,14 @@
-"""Drive the tip of an arm along a path and press no more than wanted: how to use the fusion.
+"""Move the tip of an arm along a path with a limited contact force, using the fusion.
 
-There is one actuator, so of every target the tip goes to the nearest point it can reach. What is
-in the way is pressed with the wanted force, which is estimated: there is no force sensor.
+There is one actuator, so the tip goes to the reachable point nearest to each target. The arm
+presses an obstacle with the requested force, which is estimated without a force sensor.
 
     python examples/tip_controller.py --ros-args -p path:="[0.1038, 0.0363, 0.0896, 0.0572]"
     python examples/tip_controller.py --ros-args -p press:=0.005
 
-The path holds x, y, x, y, ... in m in the base frame; `press` is a force in N. Without estimates,
-or where the force is not known, the command is held at first, and then the arm is vented.
+The path holds x, y, x, y, ... in m in the base frame; `press` is a force in N. Without
+estimates, or if the force is not determined, the command is held at first, and then the arm is
+vented.
 """
 
 from __future__ import annotations
@@ -28,21 +29,19 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, PointCloud2
 
 RATE = 50.0  # Hz, of commands
-SMALL_PART = (
-    0.3  # of a direction, up to which a component of the force that is unknown is left out
-)
+SMALL_PART = 0.3  # of a direction, up to which an unknown component of the force is neglected
 Point = tuple[float, float]
 
 
 @dataclass(kw_only=True)
 class TipController:
-    """Follows the gradient of the distance to a target; all times are s of one steady clock."""
+    """Descends the distance to a target; all times are in s of one steady clock."""
 
     path: list[Point]  # m in the base frame
-    press: float = 0.01  # N, force against what is in the way
-    gain: float = 3.0  # 1/s, part of the way that is made good in a second
-    tolerance: float = 0.0015  # m, along the way that the tip can go
-    dwell: float = 0.7  # s within the tolerance, after which the next target is next
+    press: float = 0.01  # N, force against an obstacle
+    gain: float = 3.0  # 1/s, share of the remaining distance that is corrected per second
+    tolerance: float = 0.0015  # m, along the direction in which the tip can move
+    dwell: float = 0.7  # s within the tolerance before going on to the next target
     max_pressure: float = 55e3  # Pa
     max_rate: float = 20e3  # Pa/s
     hold_after: float = 0.3  # s without an estimate until the command is held
@@ -64,9 +63,9 @@ class TipController:
     def take_state(
         self, tip: Point, slope: Point, compliance: tuple[Point, Point], now: float
     ) -> None:
-        """Take an estimate of the tip, and what pressure and force do to it, of one moment.
+        """Take an estimate of the tip, and its derivatives by pressure and force.
 
-        In a play gap the last slope holds.
+        Within a dead band of the pressure, the last slope remains valid.
         """
         if all(map(math.isfinite, (*tip, *slope, *compliance[0], *compliance[1]))):
             self.tip, self.compliance, self.seen = tip, compliance, now
@@ -74,31 +73,31 @@ class TipController:
                 self.slope = slope
 
     def take_force(self, force_x: float, force_y: float, now: float) -> None:
-        """Take an estimate of the tip force; NaN in a component that is not known."""
+        """Take an estimate of the tip force; NaN in undetermined components."""
         self.force = force_x, force_y
         if math.isfinite(self.resistance):
             self.felt = now
 
     @property
     def way(self) -> Point:
-        """The direction in which the tip goes with the pressure."""
+        """The direction in which the tip moves as the pressure rises."""
         length = math.hypot(*self.slope)
         return (self.slope[0] / length, self.slope[1] / length) if length else (0.0, 0.0)
 
     @property
     def resistance(self) -> float:
-        """The force against the way (N), NaN where it is not known."""
+        """The force against this direction (N), NaN if unknown."""
         parts = zip(self.way, self.force, strict=True)
         return -sum(
             part * force for part, force in parts if math.isfinite(force) or abs(part) > SMALL_PART
         )
 
     def silence(self, now: float) -> float:
-        """Return for how long (s) tip and force have not both been known."""
+        """Return the time (s) since tip and force were both known."""
         return now - min(self.seen, self.felt)
 
     def valid(self, now: float) -> bool:
-        """Whether tip, Jacobian and force are fresh enough to drive by."""
+        """Whether tip, Jacobian and force are recent enough for control."""
         return self.silence(now) <= self.hold_after and self.slope != (0.0, 0.0)
 
     def step(self, now: float) -> float:
@@ -115,11 +114,11 @@ class TipController:
         return self.command
 
     def drive(self, now: float, elapsed: float) -> None:
-        """Go towards the target, but press no more than wanted; then to the next target."""
+        """Move towards the target with a limited force; then to the next target."""
         (x, y), (dx, dy), goal = self.tip, self.slope, self.path[self.target]
         # The pressure (Pa) that brings the tip nearest to its target, to first order.
         missing = (dx * (goal[0] - x) + dy * (goal[1] - y)) / (dx * dx + dy * dy)
-        # And the one that brings the force to what is wanted, where the tip is held.
+        # The pressure that brings the force to the requested one, if the tip is blocked.
         onwards = math.copysign(1.0, missing)
         (ux, uy), ((cxx, cxy), (cyx, cyy)) = self.way, self.compliance
         give = ux * (cxx * ux + cxy * uy) + uy * (cyx * ux + cyy * uy)
@@ -141,7 +140,7 @@ class TipController:
 
 
 class TipControllerNode(Node):
-    """Estimates in, commands out."""
+    """Turns estimates into commands."""
 
     def __init__(self) -> None:
         super().__init__('tip_controller', namespace='/pneunet')
@@ -150,14 +149,14 @@ class TipControllerNode(Node):
         press = self.declare_parameter('press', TipController.press).value
         points = list(zip(path[::2], path[1::2], strict=True))
         self.controller = TipController(path=points, press=press)
-        self.mode, self.told = '', 0
+        self.mode, self.logged = '', 0
         self.commands = self.create_publisher(FluidPressure, 'pressure_command', 10)
         for kind, topic, take in (
             (PointCloud2, 'fused/state', self.take_state),
             (WrenchStamped, 'fused/end_wrench', self.take_force),
         ):
             self.create_subscription(kind, topic, take, 10)
-        # Silence is a matter of the steady clock: also where simulated time stands still.
+        # The steady clock detects silence even if simulated time stands still.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / RATE, self.step, clock=clock)
 
@@ -176,35 +175,35 @@ class TipControllerNode(Node):
 
     def step(self) -> None:
         self.send(self.controller.step(time.monotonic()))
-        self.tell()
+        self.log_changes()
 
     def send(self, pressure: float) -> None:
         message = FluidPressure(fluid_pressure=pressure)
         message.header.stamp = self.get_clock().now().to_msg()
         self.commands.publish(message)
 
-    def tell(self) -> None:
-        """Say in the log what is new."""
+    def log_changes(self) -> None:
+        """Log a new mode, and targets that were reached."""
         controller, log = self.controller, self.get_logger()
         if controller.mode != self.mode:
             self.mode = controller.mode
             sentence = f'{self.mode} at {controller.command / 1000.0:.1f} kPa'
             if self.mode in ('holding', 'venting'):
-                log.warning(f'{sentence}: no estimate of the tip and of its force comes')
+                log.warning(f'{sentence}: no estimates of the tip and its force')
             else:
                 log.info(sentence)
-        for left in controller.reached[self.told :]:
-            self.told += 1
+        for left in controller.reached[self.logged :]:
+            self.logged += 1
             log.info(
-                f'target {self.told} of {len(controller.path)} reached: the tip is '
-                f'{1000.0 * left:.1f} mm beside it at {controller.command / 1000.0:.1f} kPa'
+                f'target {self.logged} of {len(controller.path)} reached: the tip is '
+                f'{1000.0 * left:.1f} mm away at {controller.command / 1000.0:.1f} kPa'
             )
 
 
 def main() -> None:
-    # ROS must still be there after the signal, to vent the arm.
+    # ROS must still run after the signal, to vent the arm.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    # It ends nothing by itself: an exception in the middle of a call of ROS is no clean end.
+    # The handler raises nothing, because an exception within a call of ROS is no clean end.
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: stopped.append(number))
@@ -215,8 +214,8 @@ def main() -> None:
         while not stopped:
             executor.spin_once(timeout_sec=0.1)
     finally:
-        # A valve holds what it was last told, so the arm is vented before leaving. Against a
-        # process that is killed the valve must guard itself.
+        # A valve holds the last command, so the arm is vented before exiting. If this process is
+        # killed, only a watchdog in the valve helps.
         node.send(0.0)
         node.commands.wait_for_all_acked(Duration(seconds=1.0))
         executor.shutdown()

@@ -1,4 +1,4 @@
-"""Start the whole stack without hardware: virtual arm and all nodes, RViz if asked."""
+"""Start the whole stack without hardware: virtual arm, all nodes, and RViz on request."""
 
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.actions import Node
