@@ -200,7 +200,7 @@ def for_mujoco(scenario: Scenario) -> Scenario:
 
 
 def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
-    """Return a chain under its own weight; pulls (frames, 2) m/s^2, in the frame of the base."""
+    """Return a chain under its own weight; pulls (frames, 2) m/s^2: gravity in the base frame."""
     arm, motion = scenario.arm, scenario.motion
     assert motion is not None
     beyond = arm.weight / STANDARD_GRAVITY * (1.0 - chain.middles / chain.length)

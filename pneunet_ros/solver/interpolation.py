@@ -1,8 +1,8 @@
 """Interpolation of the solved rod between its Gauss points: position, tangent, curvature, moment.
 
 Collocation is most accurate at the joints. Between them, every panel is integrated again at eight
-inner points: the moment from the angle, the curvature from the moment, the angle from the
-curvature, and from that angle moment and position.
+inner points. The angle gives the moment, the moment the curvature, and the curvature a better
+angle, which finally gives moment and position.
 """
 
 from __future__ import annotations
