@@ -1,6 +1,6 @@
 """Start the command: `python -m pneunet_ros.cli`, and `pneunet`.
 
-Slow imports are done inside `main`, so that Ctrl-C is handled during them, too.
+Slow imports are done inside `main`, so that Ctrl-C is handled during them as well.
 """
 
 from __future__ import annotations

@@ -2,30 +2,30 @@
 
 An effect changes the model in one of five places, by the methods that it implements:
 
-=========== ============================= ====================================================
+=========== ============================= ========================================================
 place       methods                       what they change
-=========== ============================= ====================================================
+=========== ============================= ========================================================
 sensing     sense                         what a reading of pressure and wrench means
 sensing     see                           where a camera measures a point
-sensing     frame_delay                   when a camera saw what it shows
-actuation   initial, actuate, in_play     pressure at the sensor, with its past, -> chamber
-actuation   history_terms                 what that past adds to the rod, such as a mixture of
+sensing     frame_delay                   when a frame was taken
+actuation   initial, actuate, in_play     chamber pressure, from that at the sensor and its history
+actuation   history_terms                 what that history adds to the rod, such as a mixture of
                                           rows of the intrinsic curvature
 material    terms, load_terms             moment-curvature law: rigidity, offset, cubic term,
                                           intrinsic curvature
-material    initial, actuate,             what a past of its own adds to that law
+material    initial, actuate,             what a history of its own adds to that law
             history_terms
 mechanics   terms, load_terms             strain, compliances, line load, a push on a part, where
                                           the load acts
-mechanics   initial, actuate,             what a past of its own adds to these
+mechanics   initial, actuate,             what a history of its own adds to these
             history_terms
 motion      motion                        mass and damping of an arm that is not at rest
-=========== ============================= ====================================================
+=========== ============================= ========================================================
 
-`Terms` is the record of all that can be added to the rod, along all of it or on a part; the solver
-knows nothing else. `terms` go with the pressure alone, `load_terms` with pressure and end load. A
-history comes in and goes out as a tuple of numbers. The default of every parameter is neutral: an
-effect with all of them does nothing at all.
+`Terms` is the record of everything that can be added to the rod, along all of it or on a part; the
+solver needs only these. `terms` depend on the pressure alone, `load_terms` on pressure and end
+load. A history is a tuple of numbers. The default of every parameter is neutral: an effect with
+all defaults does nothing.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def move_to_frame(
 
     stamps (estimates,) ns, with chamber (estimates, 1) Pa; wrench_ns (wrenches,), with wrench
     (wrenches, 3) N, N m; used (3,): the load on the line between the estimates; std (4,): one
-    sigma of a reading; least (4,): as of `explained_changes`; errors, by_load: as of
+    sigma of a reading; least (4,): from `explained_changes`; errors, by_load: as in
     PredictedTargets. Adds the effect of the load read at the frame to displacement (2, targets) m,
     and fills size (sources,), the size of each error. The result is the larger of the error of
     linear interpolation and the displacement of the tip.

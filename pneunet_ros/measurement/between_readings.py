@@ -138,7 +138,7 @@ def missed_by_lines(
     """`interpolation_error` into errors (shown, columns).
 
     values (readings, columns), intervals (readings - 1,) ns; least (columns,): square of a second
-    difference that noise explains; before, fraction (shown,): as from `places_between`; since_last
+    difference that noise explains; before, fraction (shown,): from `places_between`; since_last
     (shown,) ns: time after the last reading.
     """
     for column in range(values.shape[1]):
@@ -158,9 +158,9 @@ def missed_by_lines(
 def line_between(shown_ns: int, stamp_ns: Stamps, values: Array, least: Array, out: Array) -> None:
     """Interpolate at one stamp, with noise and errors, into out (4, columns).
 
-    values (readings, columns); least (columns,): as of `explained_changes`. Rows: VALUE, as of
-    `interpolate`; NOISE, as of `interpolated_noise`; MISSED, as of `interpolation_error`;
-    FURTHEST, as of `furthest_error`.
+    values (readings, columns); least (columns,): from `explained_changes`. Rows: VALUE, as by
+    `interpolate`; NOISE, as by `interpolated_noise`; MISSED, as by `interpolation_error`;
+    FURTHEST, as by `furthest_error`.
     """
     count, columns = values.shape
     before, fraction, since_last = 0, 0.0, 0.0

@@ -35,7 +35,7 @@ ROUNDING = 1e-13  # of the length; tip error where no step helps: some last digi
 ARRIVED = 1e-10  # of the length; tip error of a solution: a thousand times ROUNDING
 # B / l^2; first forces along the chord, of which the search begins with the nearest.
 PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)
-# From one first guess; Levenberg and Marquardt's method ends by itself long before.
+# Per initial guess; the Levenberg-Marquardt method normally ends long before.
 MOST_TRIALS = 150
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 DETERMINED = 1e-4  # m/N: least singular value of d tip / d force

@@ -31,7 +31,7 @@ class FrameSolutions(NamedTuple):
     """Solutions of all frames on one mesh, filled by the kernels below.
 
     counts (sections,) panels; arclength (stations,) m; nodes (n, panels + 1, 6), solutions where
-    `known` (n,); fields (n, 6, stations); detail (n,) m as of `resolution`; stable (n,).
+    `known` (n,); fields (n, 6, stations); detail (n,) m: from `resolution`; stable (n,).
     """
 
     counts: Integers

@@ -40,7 +40,7 @@ def kernel_compiler() -> Any:
                 first.add_loop_rotate_pass()
                 first.add_instruction_combine_pass()
                 first.add_jump_threading_pass()
-            except (TypeError, AttributeError):  # another numba: as it does by itself
+            except (TypeError, AttributeError):  # another numba: use its own way
                 super()._optimize_final_module()
                 return
             first.run(self._final_module, builder)

@@ -103,7 +103,7 @@ def state_of_kernels() -> str:
 def kernel(function: Function) -> Function:
     """Compile a kernel and cache it on disk; without numba, return it unchanged.
 
-    A cached kernel is recompiled when any of the files has changed. Numba by itself only checks
+    A cached kernel is recompiled when any of the files has changed. Numba alone only checks
     the file of the kernel, and would keep using old equations from other files.
     """
     return compiled_or_plain(function, KERNEL)

@@ -46,7 +46,7 @@ class PropagatedErrors:
 class PlaceChanges:
     """Positions along an arm, ending with the tip, and their derivatives by each cause.
 
-    arclength (places,) m; changes (causes, 6, places): as from `Sensitivity.stations`.
+    arclength (places,) m; changes (causes, 6, places): from `Sensitivity.stations`.
     """
 
     arclength: Array
