@@ -55,9 +55,6 @@ class ClockDelaySettings:
     rival: float = tuning(
         2.0, 'squared residual of the next best delay over that of the best', source='sweep'
     )
-    separation: float = tuning(
-        5.0, 'smallest difference between two distinct delays', unit='frame'
-    )
     powers: int = tuning(6, 'highest power of the pressure', unit='number', source=('sweep'))
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
@@ -150,7 +147,7 @@ def estimate_delay(
     unknown = ClockDelay(
         delay=math.nan, std=math.inf, explained=0.0, frames=kept.size, frame_period=period
     )
-    trouble = _too_little(scores, period, reading_time, inputs)
+    trouble = _why_insufficient(scores, period, reading_time, inputs)
     if trouble:
         return replace(unknown, trouble=trouble)
     without, *fits = (
@@ -183,7 +180,7 @@ def estimate_delay(
         explained=details[0].explained,
         frames=details[0].frames,
     )
-    trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate)
+    trouble = _why_unreliable(clock, fits[0], rivals, details[0].rate)
     if not trouble and np.mean([detail.distinct for detail in details]) < CLOCK_DELAY.distinct:
         trouble = Note(
             'the pressure repeats one cycle, so hysteresis cannot be distinguished from a delay: '
@@ -194,7 +191,9 @@ def estimate_delay(
     return replace(clock, trouble=trouble, repeated=tuple(repeated.tolist()))
 
 
-def _too_little(scores: Array, period: float, reading_time: Array, inputs: Array) -> Note | None:
+def _why_insufficient(
+    scores: Array, period: float, reading_time: Array, inputs: Array
+) -> Note | None:
     """Explain why the data are too few to estimate a delay; None if they suffice."""
     frames = len(scores)
     if frames < FEWEST_FRAMES:
@@ -216,7 +215,7 @@ def _too_little(scores: Array, period: float, reading_time: Array, inputs: Array
     return None
 
 
-def _cannot_tell(
+def _why_unreliable(
     clock: ClockDelay, fit: DelayFit, rivals: Sequence[float], rate: float
 ) -> Note | None:
     """Explain why an estimated delay is unreliable; None if it is reliable."""

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.preconditions import check_runs
-from pneunet_ros.calibration.noise_estimate import RESTS, white_of_targets
+from pneunet_ros.calibration.noise_estimate import RESTS, target_noise
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
