@@ -107,7 +107,7 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
     unseen = (
         'force_misalignment, softening, stiffening, extensibility, clamp_compliance, load_offset'
     )
-    assert last_sentence(rounds[:1]).endswith(f'any of them may be missing: {unseen}.')
+    assert last_sentence(rounds[:1]).endswith(f'any of these may be missing: {unseen}.')
     assert is_clear(rounds)
     assert not is_clear(rounds[:-1])  # a name that nothing has tested
     assert not is_clear(rounds[:1])

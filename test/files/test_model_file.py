@@ -289,7 +289,7 @@ def test_a_missing_key_is_named(write, line, missing):
         ('0.112 ', 'true ', 'arm.length must be a number in SI units, not True'),
         ('0.112 ', ' ', 'arm.length must be a number in SI units, not None'),
         ('0.112 ', '112 ', r'arm.length = 112.0 is not within [0.0001, 10.0] m'),
-        ('[0.0, 0.005]', '[0.0, 0.5]', 'arm.target_arclength must increase within 0 and'),
+        ('[0.0, 0.005]', '[0.0, 0.5]', 'arm.target_arclength must increase, from 0 or more to'),
         ('[0.0, 0.005]', '{a: 1}', 'arm.target_arclength must be'),
         ('[0.0, 0.005]', '[0.0, .nan]', 'arm.target_arclength contains NaN'),
         ('[[0, 0, 0], [25, 30, 20]]', '[[0, 0], [25, 30]]', '2 x 3, not 2 x 2'),
