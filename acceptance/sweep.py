@@ -538,6 +538,87 @@ def films() -> Figures:
     return found
 
 
+# Few dots painted by hand, before brick and before print; dots that are smeared and hidden.
+PAINTED = (('painted', 0, 0, 6), ('cluttered', 9, 0, 6))
+SMEARED = (('coffee', 'dark', ('hand', 'uneven')), ('grass', 'bright', ('hand', 'blur', 'uneven')))
+LOST_EVERY = 7  # frames, after which the row is sought again
+
+
+@functools.cache
+def painted_film(kind: str, number: int, first: int, after: int) -> tuple[Any, list[Any]]:
+    """Return the composition of a film of acceptance/painted_dots.py, and some of its frames."""
+    import painted_dots
+
+    composer = getattr(painted_dots, kind)(number, after)
+    return composer.composition, [composer.frame(place) for place in range(first, after)]
+
+
+@functools.cache
+def smeared_film(name: str, polarity: str, disturbances: tuple[str, ...]) -> tuple[Any, list[Any]]:
+    """Return the composition of a film in which dots are smeared, hidden or uneven, and frames."""
+    from support.composed_pictures import Composer, Composition
+
+    composition = Composition(
+        photograph=name,
+        polarity=polarity,
+        disturbances=frozenset(disturbances),
+        frames=24,
+        resting=RESTING,
+        seed=4,
+    )
+    return composition, list(Composer(composition))
+
+
+def hard_films() -> Figures:
+    """Find and follow the row of films in clutter, and of films with smeared and hidden dots."""
+    from dataclasses import replace
+
+    from pneunet_ros.vision.tracker import TrackerState
+    from support.tracked_films import lens_of_films, Score
+
+    found: Figures = {}
+    asked = [(painted_film(*one), ' '.join(map(str, one[:2]))) for one in PAINTED]
+    asked += [(smeared_film(*one), ' '.join((one[0], *one[2]))) for one in SMEARED]
+    for (composition, frames), name in asked:
+        tracker, score = tracker_of(composition), Score()
+        state, _ = tracker.step(TrackerState(), lens_of_films())
+        length = 0.112 / ((composition.targets - 1) * composition.spacing)
+        for place, frame in enumerate(frames):
+            if place % LOST_EVERY == LOST_EVERY - 1:
+                state = replace(state, row=None)
+            state, (outcome,) = followed(tracker, state, [frame])
+            score.count(outcome, frame, length)
+            found[f'{name} {place} reason'] = str(outcome.reason)
+        found |= named(name, dict(leaves(score.numbers())))
+    return found
+
+
+def moved_cameras() -> Figures:
+    """Say how far a camera may move, in px along and across a row, that is followed."""
+    from dataclasses import replace
+
+    composition, frames, state = film(*FILMS[0])
+    tracker, frame, found = tracker_of(composition), frames[RESTING], {}
+    for way in ((2, 0), (3, 0), (5, 0), (7, 0), (0, 5), (0, 10), (0, 17), (0, 25), (0, 35)):
+        moved_on = np.roll(frame.picture, way, axis=(1, 0))
+        _, (outcome,) = followed(tracker, state, [replace(frame, picture=moved_on)])
+        found[f'moved by {way} reason'] = str(outcome.reason)
+        found[f'moved by {way} seen'] = float(outcome.sightings.seen)
+    return found
+
+
+def curves() -> Figures:
+    """Return the smooth curves through the targets of a film."""
+    composition, frames, state = film(*FILMS[0])
+    outcomes = followed(tracker_of(composition), state, frames[RESTING:])[1]
+    return {
+        f'{place} {what} {station}': float(value)
+        for place, one in enumerate(outcomes)
+        for what in ('curvature', 'std_curvature')
+        for station, value in enumerate(getattr(one.curve, what))
+    }
+
+
 # Asked one after the other, until one moves.
 FIGURES: dict[str, tuple[Callable[[], Figures], ...]] = {
     'solver': (shapes,),
@@ -549,15 +630,16 @@ FIGURES: dict[str, tuple[Callable[[], Figures], ...]] = {
     'reports': (calibrations,),
     'diagnosis': (diagnoses,),
     'discovery': (diagnoses,),
-    'vision': (films,),
+    'vision': (films, hard_films, moved_cameras, rows_found),
 }
 
 
 # Classes whose numbers are not asked in what their room does most.
-FIGURES_OF: dict[str, Callable[[], Figures]] = dict.fromkeys(
-    ('AssociationSettings', 'BeamSearchSettings', 'RestPlaneSettings', 'PriorSettings'),
-    (rows_found,),
-) | {'ClockDelaySettings': (delays,)}
+FIGURES_OF: dict[str, tuple[Callable[[], Figures], ...]] = {
+    'ClockDelaySettings': (delays,),
+    'PriorSettings': (curves,),
+    'SmootherSettings': (curves,),
+}
 FIGURES_OF |= dict.fromkeys(
     ('Camera', 'Push', 'ModelDiscrepancy', 'PressureError', 'ForceSensor', 'TipForce',
      'SizedBlock', 'ModelColumns', 'Tilt', 'BetweenReadingsSettings'),

@@ -7,13 +7,11 @@ next to the arm does no harm, and a target may be missing if nothing fits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
@@ -34,20 +32,9 @@ from pneunet_ros.vision.row_candidates import (
 )
 from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssociationSettings:
-    """Criteria for a row of targets among blobs."""
-
-    least_targets: int = tuning(
-        3, 'fewest targets of an arm to distinguish its row from other areas'
-    )
-    least_followed: int = tuning(4, 'fewest targets seen of a row; all of an arm with fewer')
-    least_share: float = tuning(0.4, 'smallest share of targets seen of a row')
-    common_share: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
-
-
-ASSOCIATION = AssociationSettings()
+LEAST_TARGETS = 3  # of an arm: two of them cannot be distinguished from two glints
+LEAST_FOLLOWED = 4  # seen of a row, at least; all of an arm with fewer
+COMMON_SHARE = 0.5  # of the blobs of two readings, from which on they are one row: most of them
 ENOUGH = 64  # rows that are compared: more of a crowd add nothing
 
 
@@ -63,9 +50,9 @@ class TargetRow(NamedTuple):
         return int(np.count_nonzero(self.chosen >= 0))
 
 
-def least_seen(targets: int, settings: AssociationSettings = ASSOCIATION) -> int:
+def least_seen(targets: int, search: BeamSearchSettings = BEAM_SEARCH) -> int:
     """Return the number of targets that must be seen for a row."""
-    return min(targets, max(settings.least_followed, math.ceil(settings.least_share * targets)))
+    return min(targets, max(LEAST_FOLLOWED, math.ceil(search.least_share * targets)))
 
 
 def row_from_clamp(
@@ -104,7 +91,7 @@ def near_row_from_clamp(
     blobs = blob_columns(points, areas, shapes)
     chosen = _grown_from_clamp(blobs, arclength, clamp_angle, search)[0]
     seen = np.flatnonzero(chosen >= 0)
-    if seen.size < least_seen(arclength.size):
+    if seen.size < least_seen(arclength.size, search):
         return np.arange(len(points))
     return np.flatnonzero(near_line(points, points[chosen[seen]], arclength[seen], search))
 
@@ -125,7 +112,6 @@ def rows_anywhere(
     points: Array,
     areas: Array,
     arclength: Array,
-    settings: AssociationSettings = ASSOCIATION,
     search: BeamSearchSettings = BEAM_SEARCH,
     shapes: Array | None = None,
     costs: Array | None = None,
@@ -145,7 +131,7 @@ def rows_anywhere(
     blobs, limits = candidates.blobs, np.full(arclength.size, limit)
     chosen, costs = grown_from_pairs(blobs, arclength, candidates.ends(limit), search, limits)
     order = np.argsort(costs, kind='stable')
-    rows = Readings(len(points), settings.common_share)
+    rows = Readings(len(points))
     for place in order[np.isfinite(costs[order])].tolist():
         row = TargetRow(chosen[place], float(costs[place]))
         readings = _readings(row, arclength)
@@ -195,14 +181,10 @@ def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
 
 
 class Readings:
-    """Rows found so far, each once: the same blobs read from either end are two rows.
+    """Rows found so far, each once: the same blobs read from either end are two rows."""
 
-    common_share: share of blobs that two readings of one row have in common.
-    """
-
-    def __init__(self, blobs: int, common_share: float) -> None:
+    def __init__(self, blobs: int) -> None:
         self.rows: list[TargetRow] = []
-        self.common_share = common_share
         self._ranks = np.zeros((ENOUGH + 1, blobs))  # of the blobs of each, from the middle on
         self._belong = np.zeros((ENOUGH + 1, blobs), np.bool_)
         self._chosen: Array = np.empty((0, 0))
@@ -221,13 +203,13 @@ class Readings:
         if not count:
             return False
         same = np.count_nonzero((self._chosen == row.chosen) & (row.chosen >= 0), axis=1)
-        if (same >= self.common_share * row.seen).any():
+        if (same >= COMMON_SHARE * row.seen).any():
             return True
         # Read from the same end, but a target off.
         seen, ranks = _ranks(row)
         forward = self._ranks[:count, seen] @ ranks > 0.0
         share = self._belong[:count, seen].mean(axis=1)
-        return bool((forward & (share >= self.common_share)).any())
+        return bool((forward & (share >= COMMON_SHARE)).any())
 
 
 def _ranks(row: TargetRow) -> tuple[Indices, Array]:

@@ -21,6 +21,11 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1
+KEPT = 12  # rows at each step; half of them find the same
+BEND = 0.08  # spacings x (gap^2 - 1), that a target may be further off after a gap
+LONGEST_GAP = 7  # targets from one that is seen to the next; what is beyond starts anew
+STRETCH = 0.25  # of an arm, either way, within a row
+FIRST_GAP = 2  # the same, where the scale is not known
 
 # What is known of a row while it grows. SIZE to BLUR: how its blobs look, as in the columns of
 # `BlobColumns`; NaN while that is not known.
@@ -32,7 +37,7 @@ BLOB_ROWS = OWN_COST + 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeamSearchSettings:
-    """Criteria for a row of targets, and the width of the beam."""
+    """Criteria for a row of targets."""
 
     farthest: float = tuning(
         3.0,
@@ -44,26 +49,27 @@ class BeamSearchSettings:
         0.12, 'a target off its place along the row, one sigma', unit='spacing'
     )
     across_std: float = tuning(0.15, 'the same, across', unit='spacing')
-    bend: float = tuning(0.08, 'further off after a gap', unit='spacing x (gap^2 - 1)')
-    stretch: float = tuning(0.25, 'longest and shortest spacing of a stretched arm, off 1')
-    size_std: float = tuning(0.35, 'difference of logarithmic areas in a row, one sigma')
-    shape_std: float = tuning(0.1, 'difference of logarithmic elongations in a row, one sigma')
-    blur_std: float = tuning(0.15, 'difference of the logarithmic blur of edges, one sigma')
+    size_std: float = tuning(
+        0.35, 'difference of logarithmic areas in a row, one sigma', source='sweep'
+    )
+    shape_std: float = tuning(
+        0.1, 'difference of logarithmic elongations in a row, one sigma', source='sweep'
+    )
+    blur_std: float = tuning(
+        0.15, 'difference of the logarithmic blur of edges, one sigma', source='sweep'
+    )
     odd: float = tuning(
         2.0, 'difference of size, shape or blur, beyond which it costs no more', unit='sigma',
         source='convention: 5 % of what is normal; up to two are cheaper than a missing target',
     )  # fmt: skip
-    memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
-    continues: float = tuning(1.5, 'cost of a blob beyond the end, below which the row goes on')
+    memory: float = tuning(
+        0.7, 'weight of the row so far in its spacing and its size', source='sweep'
+    )
     curl: float = tuning(
         7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
         source='measured: 6.2 between two pins of a public photograph of a pneu-net',
     )  # fmt: skip
-    gap_misfit: float = tuning(0.35, 'length of a gap against its targets', unit='spacing')
-    longest_gap: int = tuning(7, 'largest step between two targets seen, in targets')
-    first_gap: int = tuning(2, 'the same, where the scale is not known')
-    kept: int = tuning(12, 'rows kept at each step')
-    neighbors: int = tuning(24, 'of a blob, one of which is the next target')
+    least_share: float = tuning(0.4, 'share of targets seen of a row, at least', source='sweep')
     seen: float = tuning(
         0.8, 'share of the targets seen in a row found anywhere, at least', source='sweep'
     )
@@ -173,7 +179,7 @@ def grow_all(
     (blobs,): their indices; sides (2,): 0 if a side is x, 1 if it is y; dearest: largest cost of
     all targets of a row.
     """
-    targets, kept = arclength.size, int(search.kept)
+    targets, kept = arclength.size, KEPT
     open_end = least < targets
     known, grown = np.empty((kept, LAST + 1)), np.empty((kept, LAST + 1))
     rows, longer = np.empty((kept, targets), np.int64), np.empty((kept, targets), np.int64)
@@ -231,7 +237,7 @@ def _ways_on(
     (kept,), cheapest first; returns their number.
     """
     targets, missing = arclength.size, search.farthest**2
-    longest_gap = search.first_gap if whole else search.longest_gap
+    longest_gap = FIRST_GAP if whole else LONGEST_GAP
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
     # Between targets far apart an arm turns by more than it does between near ones.
     loose = 1.0
@@ -255,7 +261,7 @@ def _ways_on(
             continue
         ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
         unit = one[SCALE] * spacing
-        bend = search.bend * (gap * gap - 1)
+        bend = BEND * (gap * gap - 1)
         middle = one[HEADING] + 0.5 * one[BENDING] * ahead
         length = one[SCALE] * ahead
         toward_x, toward_y = math.cos(middle), math.sin(middle)
@@ -334,7 +340,7 @@ def _take(
         row[BENDING] = bending
         scale = search.memory * row[SCALE]
         scale += (1.0 - search.memory) * chord * _longer_arc(turn) / ahead
-        least, most = first_scale * (1.0 - search.stretch), first_scale * (1.0 + search.stretch)
+        least, most = first_scale * (1.0 - STRETCH), first_scale * (1.0 + STRETCH)
         row[SCALE] = min(max(scale, least), most)
     row[X], row[Y], row[LAST] = x, y, target
     differences = look_differences(blobs, blob, row, search)

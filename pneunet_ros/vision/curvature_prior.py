@@ -34,8 +34,10 @@ class PriorSettings:
     smoother: float = tuning(
         1.75, 'length scale of shapes that are smoother', unit='learned', source='sweep'
     )
-    learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length')
-    pressures: int = tuning(6, 'shares of the calibrated range at which shapes are taken')
+    learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length', source='sweep')
+    pressures: int = tuning(
+        6, 'shares of the calibrated range at which shapes are taken', source='sweep'
+    )
     pull: float = tuning(
         2.0, 'end force, as in Table 1', unit='weight', source='literature: paper'
     )

@@ -6,16 +6,14 @@ seen. All functions are pure and work on the whole row.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-import functools
+from dataclasses import dataclass
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.kernels.jit import inlined, kernel, not_literal
-from pneunet_ros.core.settings import numbers_type, tuning
+from pneunet_ros.core.settings import tuning
 
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -25,12 +23,9 @@ Mask = npt.NDArray[np.bool_]
 class GatingSettings:
     """Settings for gating blobs as targets of a row."""
 
-    off_curve: float = tuning(0.09, 'off the curve through its neighbors', unit='spacing')
-    farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
     longest: float = tuning(
         1.3, 'distance of neighbors over that along the arm, at most', source='sweep'
     )
-    compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
     largest_loss: float = tuning(
         0.87, 'area over usual, compared with neighbors, at least', source='sweep'
     )
@@ -39,26 +34,25 @@ class GatingSettings:
     first_growth: float = tuning(
         1.1, 'area over most, of a target not seen before, at most', source='sweep'
     )
-    alone_between: float = tuning(0.04, 'a target moves alone, at most', unit='spacing')
-    alone_beyond: float = tuning(0.15, 'the same, at the end of what is seen', unit='spacing')
-    steps: float = tuning(2.0, 'of neighbors, by which one at the end moved more, at most')
+    alone_between: float = tuning(
+        0.04, 'a target moves alone, at most', unit='spacing', source='sweep'
+    )
 
 
-GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
 GATING = GatingSettings()
+COMPARED = 3  # neighbors on each side whose distance is looked at
+OFF_CURVE = 0.09  # spacings off the curve through the neighbors
+# At the end of what is seen, a target may move alone by this in spacings, and by so many times as
+# much as its neighbors differ.
+ALONE_BEYOND, STEPS = 0.15, 2.0
+FARTHEST = 2.5  # spacings from an end of a row found anew to the next target
 NOTHING_BEFORE = not_literal(0)
 BEYOND = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)  # error of a place on an arc through three, over theirs
 
 
-@functools.lru_cache
-def gating_numbers(settings: GatingSettings) -> Any:
-    """Return settings in the form that kernels take."""
-    return GatingNumbers(*astuple(settings))
-
-
 @kernel
 def consistent_spacing(
-    x: Array, y: Array, arclength: Array, farthest: float, gating: GatingSettings
+    x: Array, y: Array, arclength: Array, farthest: float, longest: float
 ) -> Mask:
     """Return the targets that lie on a smooth row with the right spacings (targets,).
 
@@ -67,7 +61,7 @@ def consistent_spacing(
     curve. Targets are removed one at a time, always the one without which the others fit best,
     because a wrong target distorts the curve of its neighbors. x, y are in m, or scaled so that
     the arm has about its length. A target at either end of the row is rejected if it is `farthest`
-    spacings or more from the next.
+    spacings or more from the next; `longest`: as in `GatingSettings`.
     """
     places, rest = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
     others, count = np.empty(x.size, np.int64), NOTHING_BEFORE
@@ -80,13 +74,13 @@ def consistent_spacing(
         worst, least = -1, math.inf
         for place in range(count):
             now = places[:count]
-            if _misfit(x, y, arclength, now, place, smooth, farthest, others, gating) <= 1.0:
+            if _misfit(x, y, arclength, now, place, smooth, farthest, others, longest) <= 1.0:
                 continue
             left = 0.0
             _without(now, place, rest)
             for other in range(count - 1):
                 left += _misfit(
-                    x, y, arclength, rest[: count - 1], other, smooth, farthest, others, gating
+                    x, y, arclength, rest[: count - 1], other, smooth, farthest, others, longest
                 )
             if left < least:
                 worst, least = place, left
@@ -120,31 +114,29 @@ def _misfit(
     smooth: bool,
     farthest: float,
     scratch: Indices,
-    gating: GatingSettings,
+    longest: float,
 ) -> float:
     """Return the misfit of a target with the others; above 1 it is rejected."""
     if smooth:
-        return _off_the_curve(x, y, arclength, places, here, farthest, scratch, gating)
-    return _wrong_distances(x, y, arclength, places, here, gating)
+        return _off_the_curve(x, y, arclength, places, here, farthest, scratch)
+    return _wrong_distances(x, y, arclength, places, here, longest)
 
 
 @inlined
 def _wrong_distances(
-    x: Array, y: Array, arclength: Array, places: Indices, here: int, gating: GatingSettings
+    x: Array, y: Array, arclength: Array, places: Indices, here: int, longest: float
 ) -> float:
     """Return twice the share of neighbors that are too far away; 2 without neighbors."""
     target = places[here]
     wrong = known = 0
-    for place in range(
-        max(here - gating.compared, 0), min(here + gating.compared + 1, places.size)
-    ):
+    for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
         other = places[place]
         if other == target:
             continue
         along = abs(arclength[target] - arclength[other])
         distance = math.hypot(x[target] - x[other], y[target] - y[other])
         known += 1
-        wrong += distance > gating.longest * along
+        wrong += distance > longest * along
     return 2.0 if known == 0 else 2.0 * wrong / known
 
 
@@ -157,7 +149,6 @@ def _off_the_curve(
     here: int,
     farthest: float,
     scratch: Indices,
-    gating: GatingSettings,
 ) -> float:
     """Return how far a target is off the curve through its neighbors; above 1 it is rejected."""
     target, others = places[here], scratch[: places.size - 1]
@@ -169,15 +160,13 @@ def _off_the_curve(
     next_to = others[min(here, others.size - 1)]
     if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
         return 2.0
-    at_x, at_y, spread = _from_others(x, y, arclength, others, here, target, gating)
+    at_x, at_y, spread = _from_others(x, y, arclength, others, here, target)
     off: float = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
-    return off / (gating.off_curve * spread)
+    return off / (OFF_CURVE * spread)
 
 
 @kernel
-def expected_points(
-    x: Array, y: Array, arclength: Array, gating: GatingSettings
-) -> tuple[Array, Array]:
+def expected_points(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
     """Return the predicted positions of all targets (targets,) from those seen.
 
     Between two seen targets this is a cubic with their tangents; beyond the last one on either
@@ -199,21 +188,13 @@ def expected_points(
         if math.isfinite(x[target]) and math.isfinite(y[target]):
             after += 1
             continue
-        at_x[target], at_y[target], _ = _from_others(
-            x, y, arclength, places, after, target, gating
-        )
+        at_x[target], at_y[target], _ = _from_others(x, y, arclength, places, after, target)
     return at_x, at_y
 
 
 @inlined
 def _from_others(
-    x: Array,
-    y: Array,
-    arclength: Array,
-    places: Indices,
-    after: int,
-    target: int,
-    gating: GatingSettings,
+    x: Array, y: Array, arclength: Array, places: Indices, after: int, target: int
 ) -> tuple[float, float, float]:
     """Return the position of a target predicted from the others; after: number of them before it.
 
@@ -286,7 +267,7 @@ def consistent_motion(
     lower, upper = of_near[:, (near - 1) // 2], of_near[:, near // 2]
     alone = np.hypot(*(off[places] - 0.5 * (lower + upper)).T)
     # At an end, where all moved otherwise than expected, they did so more and more along the arm.
-    at_end = gating.alone_beyond * spacing + gating.steps * np.hypot(*(upper - lower).T)
+    at_end = ALONE_BEYOND * spacing + STEPS * np.hypot(*(upper - lower).T)
     before = np.count_nonzero(nearest < np.arange(places.size)[:, None], axis=1)
     between = (before == 2) & (near == 4)
     fits = alone <= np.where(between, gating.alone_between * spacing, at_end)

@@ -12,16 +12,26 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.vision.association import ENOUGH, rows_anywhere, share_of_blobs, TargetRow
+from pneunet_ros.vision.association import (
+    COMMON_SHARE,
+    ENOUGH,
+    rows_anywhere,
+    share_of_blobs,
+    TargetRow,
+)
 from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane, PlaneMethod
 from pneunet_ros.vision.camera.working_plane import Plane, plane_from_rest
 from pneunet_ros.vision.dots.blobs import Blobs
-from pneunet_ros.vision.gating import consistent_spacing, gating_numbers
-from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSettings
+from pneunet_ros.vision.gating import consistent_spacing, FARTHEST
+from pneunet_ros.vision.settings import VISION, VisionSettings
 
 HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
 UPRIGHT = 'upright'  # reason: which end is the clamp is not known
 NO_ROW = 'no_row', 'no_areas'  # reasons that rows which cost more may change
+STILL = 0.1  # spacings, of a target at rest off its average so far
+PLACES = 4  # in which an arm may rest that are remembered
+NEAR_CLAMP = 1.5  # spacings from clamp_pixel to the first target: a person pointed there
+UPRIGHT_SHARE = math.sin(math.radians(15.0))  # from side to side, of a row without a left end
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
 
 Counts = npt.NDArray[np.int64]
@@ -80,9 +90,7 @@ class RestSearch:
         """Describe why the latest position is not usable; empty if it is, or if there is none."""
         return self.places[0].missing_frames(wanted) if self.places else ''
 
-    def with_frame(
-        self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
-    ) -> RestSearch:
+    def with_frame(self, points: Array, spacing: float) -> RestSearch:
         """Return the search updated by a frame (targets, 2), with its position first.
 
         spacing: distance of neighboring targets, in the unit of the points.
@@ -92,9 +100,9 @@ class RestSearch:
         here = RestAverage(
             frames=0, points=np.full_like(points, np.nan), seen=np.zeros(len(points), np.int64)
         )
-        if off and min(off) <= settings.still * spacing:
+        if off and min(off) <= STILL * spacing:
             here = others.pop(int(np.argmin(off)))
-        elif len(others) == settings.places:
+        elif len(others) == PLACES:
             others.pop(int(np.argmin([place.frames for place in others])))
         return RestSearch(places=(here.with_frame(points), *others))
 
@@ -106,7 +114,7 @@ class RestSearch:
         NaN for missing targets; None if every position has too few.
         """
         for place in sorted(self.places, key=lambda place: -place.frames):
-            reach = vision.rest_plane.still * spacing_of(place.points, arclength)
+            reach = STILL * spacing_of(place.points, arclength)
             apart = np.hypot(*(place.points[:, None] - points).transpose(2, 0, 1))
             apart = np.where(np.isnan(apart), math.inf, apart)
             near = np.asarray(apart.min(axis=1) <= reach)
@@ -192,9 +200,7 @@ def row_at_rest(
     count = arclength.size
     found: TargetRow | Failure = no_row(count, len(points))
     for limit in limits:
-        rows = rows_anywhere(
-            points, areas, arclength, vision.association, vision.beam_search, shapes, costs, limit
-        )
+        rows = rows_anywhere(points, areas, arclength, vision.beam_search, shapes, costs, limit)
         most = len(rows) >= ENOUGH
         rows = [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
         if rows and clamp_pixel is not None:
@@ -213,7 +219,7 @@ def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
     """Return the cost up to which all rows must be known to decide among these (best first)."""
     best, chance = rows[0], vision.rest_plane.chance
     least = _cost_of_seen(best, vision)
-    others = [row for row in rows if share_of_blobs(row, best) < vision.association.common_share]
+    others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]
     nearest = min((_cost_of_seen(row, vision) for row in others), default=math.inf)
     if nearest <= least + 0.5 * chance:
         return least  # there are several, whatever else is found
@@ -233,7 +239,7 @@ def _best_row(
     """Return the row of the arm among rows (best first); other arguments as in `row_at_rest`."""
     count, best = rows[0].chosen.size, rows[0]
     rows = _rivals(best, rows, vision)
-    if any(share_of_blobs(row, best) < vision.association.common_share for row in rows):
+    if any(share_of_blobs(row, best) < COMMON_SHARE for row in rows):
         return Failure(
             reason='several_rows',
             sentence=f'there is more than one row of {count} targets: move the arm, so that it '
@@ -286,7 +292,7 @@ def _is_upright(
     first, last = best.chosen[[0, -1]].tolist()
     across, down = np.abs(pixels[last] - pixels[first]).tolist()
     turned = any(row.chosen[0] == last for row in rows)
-    return turned and across < vision.rest_plane.upright * math.hypot(across, down)
+    return turned and across < UPRIGHT_SHARE * math.hypot(across, down)
 
 
 def bow(points: Array) -> float:
@@ -308,8 +314,7 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
     if not spacing > 0.0:
         return False
     x, y = np.ascontiguousarray(points.T) * (np.diff(arclength).min() / spacing)
-    gating = gating_numbers(vision.gating)
-    seen = consistent_spacing(x, y, arclength, gating.farthest, gating)
+    seen = consistent_spacing(x, y, arclength, FARTHEST, vision.gating.longest)
     least = vision.beam_search.seen * arclength.size
     return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
 
@@ -323,7 +328,7 @@ def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> l
     """
     least, settings = _cost_of_seen(best, vision), vision.rest_plane
     worse = settings.chance
-    others = [row for row in rows if share_of_blobs(row, best) < vision.association.common_share]
+    others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]
     if len(others) >= settings.crowd:
         costs = np.maximum([row.cost for row in others], 1e-9)
         falling = np.log(costs.max() / costs).sum()
@@ -347,7 +352,7 @@ def _rows_from(
     for row in rows:
         at = row_points(row, pixels)
         away = math.hypot(*(at[0] - np.array(clamp_pixel)))
-        if away <= vision.rest_plane.near_clamp * np.nanmedian(np.hypot(*np.diff(at, axis=0).T)):
+        if away <= NEAR_CLAMP * np.nanmedian(np.hypot(*np.diff(at, axis=0).T)):
             there.append((away, row))
     nearest = min((away for away, _ in there), default=math.inf)
     return [row for away, row in there if away == nearest]

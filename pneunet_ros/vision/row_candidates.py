@@ -33,6 +33,7 @@ from pneunet_ros.vision.beam_search import (
 )
 
 Pairs = tuple[Indices, Indices]
+NEIGHBORS = 24  # of a blob, one of which is the next target: more than fit between two targets
 PARTS = 8  # of the pairs that begin rows, at most, after each of which a search may stop
 
 
@@ -83,7 +84,7 @@ class RowCandidates:
         x, y, _, costs = self.blobs
         apart = np.hypot(x[:, None] - x, y[:, None] - y)
         np.fill_diagonal(apart, math.inf)
-        free, many = np.flatnonzero(costs == 0.0), min(self.search.neighbors, x.size - 1)
+        free, many = np.flatnonzero(costs == 0.0), min(NEIGHBORS, x.size - 1)
         if free.size < x.size:  # few of them are likely: no pair with one is too many
             neighbors = np.tile(free, (x.size, 1))
         else:

@@ -24,6 +24,8 @@ from pneunet_ros.vision.beam_search import (
     Y,
 )
 
+CONTINUES = 1.5  # cost of a blob beyond the end, below which a row goes on however well it fits
+
 
 def truncate_row(
     x: Array,
@@ -61,7 +63,7 @@ def truncate_row(
         a, b = _wrap_angle(np.array([heading - chord, onward - chord])).tolist()
         longer = 1.0 + (2.0 * a * a + 2.0 * b * b - a * b) / 30.0
         length = longer * math.hypot(chord_x, chord_y)
-        allowed = search.gap_misfit * _spacing_at(arclength, target)
+        allowed = search.farthest * search.along_std * _spacing_at(arclength, target)
         if abs(length / scale - (arclength[target] - passed)) > allowed:
             chosen[target:] = NOTHING
             return
@@ -104,7 +106,7 @@ def continues_beyond(
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
     of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
-    continues = min(search.continues, search.odd**2 * of_row)
+    continues = min(CONTINUES, search.odd**2 * of_row)
     numbers = search_numbers(search)
     return bool(_continues(blobs.table, row, b, spacing, unit, continues, numbers))
 

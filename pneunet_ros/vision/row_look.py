@@ -47,7 +47,6 @@ class RowLookSettings:
     """Settings for predicting the appearance of a target from its neighbors."""
 
     neighbors: int = tuning(6, 'the nearest, by which a target is known', source='sweep')
-    fewest: int = tuning(3, 'of them')
     exact: float = tuning(
         0.94, 'share of the edge on the outline, of a whole blob', source='measured'
     )
@@ -75,15 +74,11 @@ class RowLookSettings:
     )
     least_std: float = tuning(0.0015, 'least std of size and shape', unit='radius', source='sweep')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px', source='sweep')
-    smear_std: float = tuning(0.15, 'least std of the motion during an exposure', unit='px')
     level_std: float = tuning(0.03, 'least std of the plateau', unit='contrast', source='sweep')
     seen: float = tuning(
         0.5,
         'smallest visible share of the edge for a partly hidden target to count',
         source='measured: 0.54 of a cut tip',
-    )
-    appeared: float = tuning(
-        0.25, 'largest distance of a doubtful target from the row', unit='radius'
     )
     beyond: float = tuning(
         0.15, 'largest share of the edge outside of the outline', source='sweep'
@@ -99,16 +94,23 @@ class RowLookSettings:
         'error of the center of a part of unknown size, over that of its radius',
         source='measured: films `uneven` of acceptance/composed_pictures.py',
     )
-    unsure: float = tuning(0.15, 'largest error of the center of a part', unit='radius')
     blur: float = tuning(
-        0.5, 'largest difference of blur between a part and its neighbors', unit='px'
+        0.5,
+        'largest difference of blur between a part and its neighbors',
+        unit='px',
+        source='sweep',
     )
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
-    level: float = tuning(0.15, 'largest difference of brightness from neighbors', unit='contrast')
-    moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
+    level: float = tuning(
+        0.15, 'largest difference of brightness from neighbors', unit='contrast', source='sweep'
+    )
 
 
 ROW_LOOK = RowLookSettings()
+LEAST_SMEAR_STD = 0.15  # px, of the way during an exposure
+UNSURE = 0.15  # radii, the largest error of the center of a part
+OFF_PLACE = 0.25  # radii, of a part or of a doubtful target from where its neighbors say
+FEWEST = 3  # neighbors, for a line and how far they are off it
 
 
 def looks_of_neighbors(
@@ -141,7 +143,7 @@ def _looks_of(
     nearest = np.argsort(distance, axis=1, kind='stable')[:, : settings.neighbors]
     # Those that are one of the whole ones themselves may have one neighbor less.
     known = np.isfinite(np.take_along_axis(distance, nearest, axis=1))
-    known &= (np.count_nonzero(known, axis=1) >= settings.fewest)[:, None]
+    known &= (np.count_nonzero(known, axis=1) >= FEWEST)[:, None]
     away, near = np.take_along_axis(away, nearest, axis=1), whole[nearest]
     radius, one = np.sqrt(table[:, AREA] / math.pi), np.isfinite(own)
     own_radius = np.sqrt(own / math.pi)
@@ -162,7 +164,7 @@ def _looks_of(
     middle = np.count_nonzero(known, axis=1) // 2
     blur, contrast = np.sort(usual, axis=1)[np.arange(len(table)), middle].T
     shape_std = np.maximum(np.sqrt(variance[:, :3].mean(axis=1)), settings.least_std)
-    smear_std = np.maximum(np.sqrt(variance[:, 5:7].mean(axis=1)), settings.smear_std)
+    smear_std = np.maximum(np.sqrt(variance[:, 5:7].mean(axis=1)), LEAST_SMEAR_STD)
     stds = (shape_std, settings.blur_std, smear_std)
     starts = outlines(places, shape * size[:, None], blur, smear, stds)
     starts[:, SIZE_STD] = np.maximum(size_std, settings.least_std)
@@ -278,7 +280,7 @@ def believable_parts(
     size = share_of_area(found, expected)
     differs = settings.differ * 2.0 * expected[:, SIZE_STD]
     sized = np.abs(np.log(size)) <= differs - math.log(gating.largest_loss)
-    precise = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
+    precise = found[:, STD] <= UNSURE * np.sqrt(found[:, AREA] / math.pi)
     return np.asarray(
         similar & edge & within & sized & precise & (found[:, FILLED] >= settings.filled)
     )

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.vision.association import LEAST_FOLLOWED
 from pneunet_ros.vision.dots.blobs import blobs_at, nearest_blobs
 from pneunet_ros.vision.dots.centroid import AREA, MAJOR, U
 from pneunet_ros.vision.row_look import shows_own_size
@@ -21,8 +22,7 @@ MOST_PASSES = 3  # over a frame, while lost targets are found again
 def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
     """Find the row near its prediction, and predict the next; None if it is lost."""
     vision, count = view.vision, view.arclength.size
-    settings = vision.row_tracker
-    predicted = last.predict(view.image.stamp_ns, settings.longest_prediction)
+    predicted, reach = last.predict(view.image.stamp_ns), view.settings.gate * last.spacing
     table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)
     lost = np.isnan(table[:, U])
     if lost.any() and np.count_nonzero(~lost) > 1:
@@ -31,7 +31,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         places = predicted + velocity_along_row(off, view.arclength, ~lost, neighbors)
         outlines_there = last.outlines(places, vision)[lost]
         table[lost] = blobs_at(view.image, outlines_there, view.appearance)
-    table = with_nearest(view, table, predicted, view.settings.gate * last.spacing)
+    table = with_nearest(view, table, predicted, reach)
     # Of a target whose size nobody has seen yet, it is what its whole edge says.
     shown = shows_own_size(table, vision.row_look, vision.gating) & ~last.sized
     usual = np.where(shown, table[:, AREA], last.area)
@@ -40,7 +40,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         if row.seen == count or row.seen < 2:
             break
         places = expected_pixels(view, row.points)
-        table = with_nearest(view, row.table, places, settings.reach_again * last.spacing)
+        table = with_nearest(view, row.table, places, reach)
         more = gate_row(view, table, usual, last, causes=row.causes)
         if more.seen <= row.seen:
             break
@@ -50,7 +50,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         if row.seen == count or row.seen <= before:
             break
         # Targets that were found predict those beyond them better.
-    if row.seen < min(count, vision.association.least_followed):
+    if row.seen < min(count, LEAST_FOLLOWED):
         return None
     return row, next_row(view, row, last)
 

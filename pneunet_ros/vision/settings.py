@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.vision.association import ASSOCIATION, AssociationSettings
 from pneunet_ros.vision.beam_search import BEAM_SEARCH, BeamSearchSettings
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.curvature_prior import PRIOR, PriorSettings
@@ -25,35 +24,21 @@ class RowTrackerSettings:
     area_gain: float = tuning(
         0.1, 'share of a new area in the area that is expected next', source='sweep'
     )
-    reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
-    near_clamp: int = tuning(4, 'targets near the clamp, which hardly move unless the camera does')
-    off_along: float = tuning(0.1, 'displacement by stretch per target', unit='spacing')
-    off_aside: float = tuning(0.5, 'displacement by bending per target', unit='spacing')
+    off_along: float = tuning(
+        0.1, 'displacement by stretch per target', unit='spacing', source='sweep'
+    )
     smear_std: float = tuning(0.3, 'std of the motion while the shutter is open', source=('sweep'))
     least_exposure: float = tuning(0.03, 'open shutter, at least', unit='frame', source='sweep')
-    least_way: float = tuning(
-        5.0, 'motion of all targets between frames for estimating the shutter', unit='px'
-    )
-    longest_prediction: float = tuning(0.1, 'longest prediction by the last velocities', unit='s')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestPlaneSettings:
     """Criteria for an arm at rest."""
 
-    still: float = tuning(0.1, 'largest distance from the average so far', unit='spacing')
-    near_clamp: float = tuning(
-        1.5, 'largest distance from clamp_pixel to the first target', unit='spacing'
-    )
-    upright: float = tuning(
-        0.26,
-        'from side to side, of the way between its ends: a row without a left end',
-        source='invented: 15 degrees',
-    )
     chance: float = tuning(
         20.0,
         'cost above that of the best row from which a row counts as one by chance',
-        source='invented: odds of exp(10); 0.1 on arms, 53 in grass',
+        source='measured: 0.1 on arms, 53 in grass',
     )
     crowd: int = tuning(
         10, 'rows and more of other areas: there by chance', source='measured: 50 in printed text'
@@ -61,7 +46,6 @@ class RestPlaneSettings:
     odds: float = tuning(
         0.01, 'rows by chance that fit as well, of one that stands out', source='convention'
     )
-    places: int = tuning(4, 'places in which it may rest that are remembered')
 
     @property
     def limits(self) -> tuple[float, ...]:
@@ -80,7 +64,6 @@ class VisionSettings:
     ellipse: EllipseSettings = ELLIPSE
     row_look: RowLookSettings = ROW_LOOK
     moving_dots: MovingDotSettings = MOVING_DOTS
-    association: AssociationSettings = ASSOCIATION
     beam_search: BeamSearchSettings = BEAM_SEARCH
     gating: GatingSettings = GATING
     row_tracker: RowTrackerSettings = RowTrackerSettings()

@@ -84,7 +84,7 @@ def _lost_blobs(
     claims = [_claims(*one) for one in zip(trackers, states, steps, strict=True)]
     for second, (blobs, off) in enumerate(claims):
         for first, (others, others_off) in enumerate(claims[:second]):
-            mine, theirs = np.nonzero(same_blobs(blobs, others, trackers[second].vision.blobs))
+            mine, theirs = np.nonzero(same_blobs(blobs, others))
             loses = others_off[theirs] <= off[mine]
             if loses.any():
                 yield second, others[theirs[loses]]
@@ -103,6 +103,5 @@ def _claims(tracker: Tracker, state: TrackerState, step: Step) -> tuple[Array, A
     blobs = row.table[row.seen]
     if state.row is None:
         return blobs, np.full(len(blobs), np.inf)
-    longest = tracker.vision.row_tracker.longest_prediction
-    expected = state.row.predict(row.stamp_ns, longest)[row.seen]
+    expected = state.row.predict(row.stamp_ns)[row.seen]
     return blobs, np.hypot(*(blobs[:, :2] - expected).T)

@@ -42,6 +42,7 @@ from pneunet_ros.vision.curvature_prior import (
     without_line,
 )
 
+LARGEST_NOISE = 0.1  # of the mean distance of targets, tried
 LEVEL_RATIO = 1.5  # between levels of noise that are tried
 FAR_WORSE = 20.0  # in -2 log likelihood: larger levels of noise are not tried any more
 LEAST_WEIGHT = 1e-3  # a prior less probable than this takes no part
@@ -56,9 +57,12 @@ KEPT_OPERATORS = 256
 class SmootherSettings:
     """Settings for separating noise and stretch from curvature."""
 
-    least_std: float = tuning(1e-5, 'noise below this is not believed', unit='length')
-    stretch_share: float = tuning(0.01, "variation of the stretch over the angle's")
-    largest_noise: float = tuning(0.1, 'noise, at most', unit='mean distance of targets')
+    least_std: float = tuning(
+        1e-5, 'noise below this is not believed', unit='length', source='sweep'
+    )
+    stretch_share: float = tuning(
+        0.01, "variation of the stretch over the angle's", source='sweep'
+    )
 
 
 SmootherNumbers = numbers_type(SmootherSettings, 'SmootherNumbers')
@@ -323,7 +327,7 @@ def smooth_targets(
                 longer[prior, mode] += modes[prior, target, mode] * line_longer
     weights = np.empty(priors)
     least = least_variance(std, seen, least_std)
-    most = (settings.largest_noise * (length_seen / distances.size)) ** 2
+    most = (LARGEST_NOISE * (length_seen / distances.size)) ** 2
     noise = noise_variance(bent, longer, mode_variances, least, most, settings, weights)
 
     size = points.size

@@ -17,6 +17,7 @@ from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.core.stamps import AHEAD, count_reason, RESTARTED, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.vision.association import LEAST_TARGETS
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import (
     AUTO,
@@ -36,10 +37,16 @@ from pneunet_ros.vision.rest_plane import (
     RESTING,
     RestSearch,
     spacing_of,
+    STILL,
     UPRIGHT,
 )
 from pneunet_ros.vision.row_tracker import follow_row
-from pneunet_ros.vision.rows.row import ObservedRow, target_sightings, TrackedRow
+from pneunet_ros.vision.rows.row import (
+    LONGEST_PREDICTION,
+    ObservedRow,
+    target_sightings,
+    TrackedRow,
+)
 from pneunet_ros.vision.rows.row_gate import is_at_clamp
 from pneunet_ros.vision.rows.row_motion import at_stamp, start_row
 from pneunet_ros.vision.rows.row_search import search_around, search_row
@@ -162,11 +169,11 @@ class Tracker:
         self, arm: Arm, settings: CameraSettings, vision: VisionSettings = VISION
     ) -> None:
         """Prepare the prior of the curvature and the spacing of the targets."""
-        count, least = arm.target_arclength.size, vision.association.least_targets
-        if count < least:
+        count = arm.target_arclength.size
+        if count < LEAST_TARGETS:
             raise ModelError(
-                f'{arm.name}: tracking needs at least {least} targets in arm.target_arclength, '
-                f'not {count}',
+                f'{arm.name}: tracking needs at least {LEAST_TARGETS} targets in '
+                f'arm.target_arclength, not {count}',
                 reason='too_few_targets',
             )
         if settings.dot_color is not None:
@@ -353,7 +360,7 @@ class Tracker:
         last, stamp_ns = state.row or state.lost, view.image.stamp_ns
         if last is not None:
             near = search_around(view, last)
-            pause = self.vision.row_tracker.longest_prediction
+            pause = LONGEST_PREDICTION
             soon = seconds_between(state.searched_ns, stamp_ns) < pause
             if soon or isinstance(near, ObservedRow):
                 return state, near
@@ -368,7 +375,7 @@ class Tracker:
             return False
         rested = state.rest.places[0].points
         (last,) = view.lens.undistort(row.table[-1:, :2])
-        still = self.vision.rest_plane.still * spacing_of(rested, self.arclength)
+        still = STILL * spacing_of(rested, self.arclength)
         return math.hypot(*(last - rested[-1])) <= still
 
     def _with_wrong_clamp(
@@ -387,7 +394,7 @@ class Tracker:
         self, state: TrackerState, view: View, polarity: str
     ) -> tuple[TrackerState, Failure]:
         """Add a frame to the rest position; return why there is no plane yet, if there is none."""
-        wanted, settings = self.settings.rest_frames, self.vision.rest_plane
+        wanted = self.settings.rest_frames
         found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
             if not view.shallow:
@@ -398,7 +405,7 @@ class Tracker:
             )
             return state, replace(found, sentence=sentence)
         spacing = spacing_of(found, self.arclength)
-        rest = state.rest.with_frame(found, spacing, settings)
+        rest = state.rest.with_frame(found, spacing)
         missing_frames, plane = rest.missing_frames(wanted), None
         if not missing_frames:
             plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)

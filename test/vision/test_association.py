@@ -12,7 +12,7 @@ from pneunet_ros.vision.association import (
     share_of_blobs,
 )
 from pneunet_ros.vision.beam_search import BEAM_SEARCH
-from pneunet_ros.vision.gating import consistent_spacing, GATING, gating_numbers
+from pneunet_ros.vision.gating import consistent_spacing, FARTHEST, GATING
 from pneunet_ros.vision.row_candidates import RowCandidates
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
@@ -23,9 +23,7 @@ TARGETS = np.arange(ARCLENGTH.size)
 def believed(mixture, row):
     """Return who is in a row, after the check that follows the search."""
     points = np.where(row.chosen[:, None] >= 0, mixture.points[row.chosen], np.nan)
-    seen = consistent_spacing(
-        *np.ascontiguousarray(points.T), ARCLENGTH, GATING.farthest, gating_numbers(GATING)
-    )
+    seen = consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, FARTHEST, GATING.longest)
     return np.where(seen, mixture.named(row.chosen), -1)
 
 
@@ -90,7 +88,7 @@ def test_spots_without_a_row_are_no_row(count):
         row = row_from_clamp(points, areas, ARCLENGTH, 0.0)
         found = np.where(row.chosen[:, None] >= 0, points[row.chosen], np.nan)
         seen = consistent_spacing(
-            *np.ascontiguousarray(found.T), ARCLENGTH, GATING.farthest, gating_numbers(GATING)
+            *np.ascontiguousarray(found.T), ARCLENGTH, FARTHEST, GATING.longest
         )
         assert np.count_nonzero(seen) < least_seen(TARGETS.size)
         assert all(row.seen <= TARGETS.size for row in rows_anywhere(points, areas, ARCLENGTH))

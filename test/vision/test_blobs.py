@@ -8,15 +8,8 @@ import cv2
 import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.vision.camera.camera_settings import AdaptiveBand, AreaLimits, FixedBand
-from pneunet_ros.vision.dots.areas import _round_ones
-from pneunet_ros.vision.dots.blobs import (
-    Appearance,
-    Blobs,
-    blobs_at,
-    BlobSettings,
-    find_blobs,
-    nearest_blobs,
-)
+from pneunet_ros.vision.dots.areas import _round_ones, BlobSettings
+from pneunet_ros.vision.dots.blobs import Appearance, Blobs, blobs_at, find_blobs, nearest_blobs
 from pneunet_ros.vision.dots.centroid import axes_of, BLUR, MAJOR, MINOR, outlines, SMEAR, STD
 import pytest
 from support.center_bound import center_bound, draw_dot

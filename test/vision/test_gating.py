@@ -10,18 +10,16 @@ from pneunet_ros.vision.gating import (
     consistent_size,
     consistent_spacing,
     expected_points,
+    FARTHEST,
     GATING,
-    gating_numbers,
     initial_area,
 )
 import pytest
 from support.target_rows import arc, ARCLENGTH, SPACING
 
 
-def believed(points, farthest=GATING.farthest):
-    return consistent_spacing(
-        *np.ascontiguousarray(points.T), ARCLENGTH, farthest, gating_numbers(GATING)
-    )
+def believed(points, farthest=FARTHEST):
+    return consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, farthest, GATING.longest)
 
 
 @given(st.floats(-35.0, 35.0), st.floats(-35.0, 35.0), st.integers(0, 2**32 - 1))
@@ -69,9 +67,7 @@ def test_lost_targets_are_expected_where_they_are(hidden, off):
         points = arc(*bend)
         partly = points.copy()
         partly[hidden] = np.nan
-        found = np.column_stack(
-            expected_points(*np.ascontiguousarray(partly.T), ARCLENGTH, gating_numbers(GATING))
-        )
+        found = np.column_stack(expected_points(*np.ascontiguousarray(partly.T), ARCLENGTH))
         assert np.hypot(*(found - points).T).max() <= off * SPACING
         known = np.delete(np.arange(ARCLENGTH.size), hidden)
         assert np.array_equal(found[known], points[known])
@@ -80,9 +76,7 @@ def test_lost_targets_are_expected_where_they_are(hidden, off):
 def test_nothing_is_expected_of_a_single_target():
     points = np.full((ARCLENGTH.size, 2), np.nan)
     points[4] = 0.02, 0.0
-    found = np.column_stack(
-        expected_points(*np.ascontiguousarray(points.T), ARCLENGTH, gating_numbers(GATING))
-    )
+    found = np.column_stack(expected_points(*np.ascontiguousarray(points.T), ARCLENGTH))
     assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
 
 

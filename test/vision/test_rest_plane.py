@@ -7,12 +7,13 @@ from pneunet_ros.vision.camera.camera_settings import CurvedRestPlane, RestPlane
 from pneunet_ros.vision.rest_plane import (
     bow,
     Failure,
+    PLACES,
     plane_at_rest,
     RestSearch,
     row_at_rest,
     row_points,
 )
-from pneunet_ros.vision.settings import RestPlaneSettings, VISION
+from pneunet_ros.vision.settings import VISION
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
 
@@ -114,7 +115,6 @@ def test_no_row_says_how_many_areas_there_were():
 
 
 LENGTH = ARCLENGTH[-1]
-SETTINGS = RestPlaneSettings()
 
 
 def frames_at_rest(count, at=(-0.15, 0.02), noise=1e-4):
@@ -161,9 +161,9 @@ def test_one_bad_frame_does_not_begin_the_rest_anew():
 
 def test_only_so_many_places_are_remembered_and_the_richest_among_them():
     rest = averaged(frames_at_rest(3))
-    for place in range(2 * SETTINGS.places):
+    for place in range(2 * PLACES):
         rest = averaged(frames_at_rest(1, at=(0.05 * place, 0.3)), rest)
-    assert len(rest.places) == SETTINGS.places
+    assert len(rest.places) == PLACES
     assert rest.frames == 3
 
 

@@ -38,6 +38,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
 from pneunet_ros.vision.row_look import (
     believable_parts,
     has_whole_edge,
+    LEAST_SMEAR_STD,
     looks_of_neighbors,
     part_stds,
     ROW_LOOK,
@@ -196,4 +197,4 @@ def test_neighbors_tell_how_far_a_target_moves_while_the_shutter_is_open():
     table[:, SMEAR] = np.column_stack([0.2 * np.arange(COUNT), -0.1 * np.arange(COUNT)])
     last = looks_of_neighbors(table, table[:, :2], UNKNOWN)[-1]
     assert last[[SMEAR_U, SMEAR_V]] == pytest.approx(table[-1, SMEAR])
-    assert last[SMEAR_STD] == ROW_LOOK.smear_std
+    assert last[SMEAR_STD] == LEAST_SMEAR_STD

@@ -28,12 +28,8 @@ from pneunet_ros.vision.curvature_prior import PriorSettings
 from pneunet_ros.vision.dots.areas import BlobSettings
 from pneunet_ros.vision.dots.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
-from pneunet_ros.vision.settings import (
-    RestPlaneSettings,
-    RowTrackerSettings,
-    VISION,
-    VisionSettings,
-)
+from pneunet_ros.vision.rows.row import LONGEST_PREDICTION
+from pneunet_ros.vision.settings import RowTrackerSettings, VisionSettings
 from pneunet_ros.vision.smoother import SmootherSettings
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
@@ -433,7 +429,7 @@ def test_a_lost_row_is_searched_everywhere_only_now_and_then(watching):
     for _ in range(7):
         assert watching.show(blank).reason == 'no_areas'
         searched.append(watching.state.searched_ns == watching.stamp_ns)
-    pause = VISION.row_tracker.longest_prediction
+    pause = LONGEST_PREDICTION
     assert 3 * FRAME_NS < 1e9 * pause < 4 * FRAME_NS
     assert searched == [True, False, False, False, True, False, False]
     watching.show(blank)
@@ -616,14 +612,13 @@ def test_each_setting_reaches_the_step_it_belongs_to(watching, part, known):
     assert nothing_seen(tracker.step(state, image)[1])
 
 
-def test_settings_of_following_rest_and_curve_reach_them(watching):
+def test_settings_of_following_and_curve_reach_them(watching):
     grey, _ = watching.picture(25e3)
     image = as_image(grey, stamp_ns=watching.stamp_ns + FRAME_NS)
     vision = VisionSettings(
-        ellipse=EllipseSettings(outward=2.0),
+        ellipse=EllipseSettings(tilt_std=0.1),
         smoother=SmootherSettings(least_std=1e-2),
         prior=PriorSettings(smoother=3.0),
-        rest_plane=RestPlaneSettings(upright=2.0),
     )
     tracker = Tracker(ARM, CameraSettings(), vision)
     usual = watching.tracker.step(watching.state, image)[1]
@@ -634,14 +629,10 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
     length = watching.tracker.smoother.priors[-1].length_scale
     longer = tracker.smoother.priors[-1].length_scale
     assert longer == pytest.approx(3.0 / PriorSettings().smoother * length)
-    _, resting = tracker.step(
-        TrackerState(lens=watching.lens), as_image(watching.picture()[0], stamp_ns=1)
-    )
-    assert resting.reason == 'upright'
 
 
 def test_what_the_settings_were_can_be_said():
     assert settings_changed(*VisionSettings().parts) == {}
     vision = VisionSettings(gating=GatingSettings(largest_loss=0.6))
     assert settings_changed(*vision.parts) == {'GatingSettings.largest_loss': 0.6}
-    assert settings_used(*vision.parts)['BeamSearchSettings.kept'] == BeamSearchSettings().kept
+    assert settings_used(*vision.parts)['BeamSearchSettings.seen'] == BeamSearchSettings().seen

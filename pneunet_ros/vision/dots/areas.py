@@ -29,19 +29,11 @@ class BlobSettings:
     """Criteria that separate areas from the background."""
 
     most: int = tuning(500, 'largest number of areas measured per image, by contrast')
-    least_contrast: float = tuning(
-        4.0, 'contrast of a blob to its background for a fixed band', unit='grey level'
+    levels: int = tuning(
+        2, 'thresholds at which an area of the least contrast is visible', source='sweep'
     )
-    levels: int = tuning(2, 'thresholds at which an area of the least contrast is visible')
     speck: int = tuning(
         3, 'side of the square over which noise is averaged', unit='px', source='sweep'
-    )
-    least_area: float = tuning(0.5, 'smallest thresholded area', unit='smallest area')
-    largest_area: float = tuning(1.5, 'largest thresholded area', unit='largest area')
-    roundness: float = tuning(0.88, 'area over that of the ellipse with the same moments')
-    longer: float = tuning(1.2, 'elongation of a thresholded area over the largest one allowed')
-    nested: float = tuning(
-        0.35, 'distance between centers of one blob at two levels', unit='radius'
     )
     growth: float = tuning(
         2.0, 'largest growth of the area of a blob from one level to the next', source='sweep'
@@ -54,11 +46,16 @@ class BlobSettings:
     shape_std: float = tuning(
         0.3, 'one sigma of size and shape before a fit', unit='radius', source=('sweep')
     )
-    twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
-    off_blob: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')
 
 
 BLOBS = BlobSettings()
+# By how much a thresholded area may be off the limits of blobs, which its edge decides: of the
+# smallest and largest area, and of the elongation; and its center off that of the blob, diameters.
+LEAST_AREA, LARGEST_AREA, LONGER, OFF_BLOB = 0.5, 1.5, 1.2, 0.25
+ROUNDNESS = 0.88  # area over that of the ellipse with the same moments; a square has 0.95
+NESTED = 0.35  # radii between the centers of one blob at two levels
+TWICE = 0.8  # radii of the larger between blobs that are one
+LEAST_CONTRAST = 4.0  # grey levels, of a blob to its background, for a fixed band
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,9 +72,7 @@ class Appearance:
         """Brightness and size of a blob."""
         if isinstance(self.band, AdaptiveBand):
             return Look(limits=self.limits, brightest=math.inf, contrast=self.band.contrast)
-        return Look(
-            limits=self.limits, brightest=self.band.high, contrast=self.blobs.least_contrast
-        )
+        return Look(limits=self.limits, brightest=self.band.high, contrast=LEAST_CONTRAST)
 
     @property
     def levels(self) -> list[int]:
@@ -170,12 +165,12 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
 
     These are areas that may be or contain dots; areas of holes are negative.
     """
-    settings, limits = appearance.blobs, appearance.limits
+    limits = appearance.limits
     _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
     contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
     # As long as an ellipse of the largest area can be around, at most.
-    longest = 8.0 * math.sqrt(settings.largest_area * limits.largest * limits.elongation)
-    shortest = 2.0 * math.sqrt(settings.least_area * limits.smallest)
+    longest = 8.0 * math.sqrt(LARGEST_AREA * limits.largest * limits.elongation)
+    shortest = 2.0 * math.sqrt(LEAST_AREA * limits.smallest)
     corners = np.fromiter(map(len, contours), np.int64, len(contours))
     usable = corners <= longest
     if not usable.any():
@@ -213,16 +208,16 @@ def _joined(cuts: list[Array], appearance: Appearance) -> RoundAreas:
 
 def _round_ones(table: Array, appearance: Appearance) -> Array:
     """Return the areas (n, 6) of a cut that are elliptical and have no large hole."""
-    settings, limits = appearance.blobs, appearance.limits
+    limits = appearance.limits
     area, uu, uv, vv = table[:, [0, 3, 4, 5]].T
     with np.errstate(invalid='ignore', divide='ignore'):
         root = np.sqrt(uu * vv - uv * uv)
-        round_enough = area >= settings.roundness * 4.0 * math.pi * root
+        round_enough = area >= ROUNDNESS * 4.0 * math.pi * root
         ratio = (uu + vv) / (2.0 * root)
-    most = settings.longer * limits.elongation
+    most = LONGER * limits.elongation
     possible = (
-        (area >= settings.least_area * limits.smallest)
-        & (area <= settings.largest_area * limits.largest)
+        (area >= LEAST_AREA * limits.smallest)
+        & (area <= LARGEST_AREA * limits.largest)
         & round_enough
         & (ratio <= 0.5 * (most + 1.0 / most))
     )
@@ -278,6 +273,6 @@ def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettin
     if not len(areas) or not len(above):
         return np.full(len(areas), -1)
     apart, nearest = scipy.spatial.cKDTree(above[:, 1:3]).query(areas[:, 1:3])
-    reach = settings.nested * np.sqrt(areas[:, 0] / math.pi) + 0.5
+    reach = NESTED * np.sqrt(areas[:, 0] / math.pi) + 0.5
     there = (apart <= reach) & (areas[:, 0] <= settings.growth * above[nearest, 0])
     return np.where(there, chain[nearest], -1)

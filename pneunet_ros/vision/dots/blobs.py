@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Bytes, Image
-from pneunet_ros.vision.dots.areas import Appearance, BlobSettings, round_areas, RoundAreas
+from pneunet_ros.vision.dots.areas import Appearance, OFF_BLOB, round_areas, RoundAreas, TWICE
 from pneunet_ros.vision.dots.centroid import (
     ANGLE,
     AREA,
@@ -89,7 +89,7 @@ def measure_areas(image: Image, areas: RoundAreas, appearance: Appearance) -> Bl
     measured = _measured(image.grey(), starts[new], appearance)
     known.update(zip((keys[number] for number in new), measured, strict=True))
     rows = np.array([known[key] for key in keys]).reshape(-1, COLUMNS)
-    return Blobs(freeze(_distinct(rows, appearance.blobs).T.copy()))
+    return Blobs(freeze(_distinct(rows).T.copy()))
 
 
 def nearest_blobs(
@@ -123,7 +123,7 @@ def nearest_blobs(
     piece_of = which.astype(np.int64)
     centers: Array = np.column_stack([areas.centers[:, 0], down]) + corners[piece_of]
     away = np.hypot(*(centers - places[possible][piece_of]).T)
-    near = away <= reach + appearance.blobs.off_blob * across
+    near = away <= reach + OFF_BLOB * across
     clear = np.isin(np.arange(len(near)), areas.stand_out(appearance))
     areas = areas._replace(centers=centers)
     # Most are found by what stands out; only what is left costs more.
@@ -133,7 +133,7 @@ def nearest_blobs(
         rows = _measured(grey, areas.only(some).starts(appearance), appearance)
         for number in np.unique(piece_of[some]).tolist():
             place = possible[number]
-            mine = _distinct(rows[piece_of[some] == number], appearance.blobs)
+            mine = _distinct(rows[piece_of[some] == number])
             distance = np.hypot(mine[:, U] - places[place, 0], mine[:, V] - places[place, 1])
             if len(mine) and distance.min() <= reach:
                 nearest[place] = mine[distance.argmin()]
@@ -152,15 +152,15 @@ def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
     return rows
 
 
-def _distinct(rows: Array, settings: BlobSettings) -> Array:
+def _distinct(rows: Array) -> Array:
     """Return the distinct blobs: of two at one position, the more accurate one."""
     rows = rows[np.isfinite(rows[:, U])]
     rows = rows[np.argsort(rows[:, STD], kind='stable')]
-    return np.asarray(rows[~np.tril(same_blobs(rows, rows, settings), -1).any(axis=1)])
+    return np.asarray(rows[~np.tril(same_blobs(rows, rows), -1).any(axis=1)])
 
 
-def same_blobs(rows: Array, others: Array, settings: BlobSettings) -> Mask:
+def same_blobs(rows: Array, others: Array) -> Mask:
     """Whether rows (n, COLUMNS) are at the positions of others (m, COLUMNS), (n, m)."""
     apart = np.hypot(*(rows[:, None, [U, V]] - others[None, :, [U, V]]).transpose(2, 0, 1))
     radius, other = (np.sqrt(table[:, AREA] / math.pi) for table in (rows, others))
-    return np.asarray(apart < settings.twice * np.maximum(radius[:, None], other))
+    return np.asarray(apart < TWICE * np.maximum(radius[:, None], other))

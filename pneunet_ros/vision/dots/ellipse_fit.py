@@ -41,31 +41,41 @@ SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian
 class EllipseSettings:
     """Settings of the ellipse fit to the edge of a blob."""
 
-    sectors: int = tuning(16, 'sectors around a blob, each with its own background and edge')
-    passes: int = tuning(8, 'most passes of the fit')
-    done: float = tuning(0.003, 'step of the center after which the fit ends', unit='px')
-    inward: float = tuning(2.5, 'width of the pixels used inside the edge', unit='blur')
-    outward: float = tuning(3.0, 'width of the pixels used outside the edge', unit='blur')
-    margin: float = tuning(1.0, 'width of pixels added on either side', unit='px')
+    sectors: int = tuning(
+        16, 'sectors around a blob, each with its own background and edge', source='sweep'
+    )
+    passes: int = tuning(8, 'most passes of the fit', source='sweep')
+    done: float = tuning(
+        0.003, 'step of the center after which the fit ends', unit='px', source='sweep'
+    )
+    margin: float = tuning(1.0, 'width of pixels added on either side', unit='px', source='sweep')
+    largest_change: float = tuning(
+        0.25, 'largest change of size and shape per pass', unit='radius', source='sweep'
+    )
+    widest_step: float = tuning(
+        0.3, 'largest change of the blur per pass', unit='px', source='sweep'
+    )
+    least_off: float = tuning(
+        0.02, 'usual distance of edges from the outline', unit='px', source='sweep'
+    )
+    inward: float = tuning(
+        2.5, 'width of the pixels used inside the edge', unit='blur', source='sweep'
+    )
+    outward: float = tuning(
+        3.0, 'width of the pixels used outside the edge', unit='blur', source='sweep'
+    )
     shift: float = tuning(
         1.5,
         'largest initial offset of an edge, and largest change of center and motion per pass',
         unit='px',
         source=('sweep'),
     )
-    least_blur: float = tuning(0.29, 'least blur of an edge: a pixel is a square', unit='px')
-    most_blur: float = tuning(3.5, 'largest blur of an edge', unit='px')
     tilt_std: float = tuning(
         0.015, 'slope of the light over a blob', unit='contrast / radius', source=('sweep')
     )
-    largest_change: float = tuning(
-        0.25, 'largest change of size and shape per pass', unit='radius'
-    )
-    widest_step: float = tuning(0.3, 'largest change of the blur per pass', unit='px')
     most_smear: float = tuning(
         20.0, 'largest motion during an exposure', unit='px', source='sweep'
     )
-    least_axis: float = tuning(0.5, 'half the smallest axis, at least', unit='px')
     plateau_share: float = tuning(
         0.3,
         'share of the pixels inside that are brighter than the first plateau',
@@ -77,7 +87,6 @@ class EllipseSettings:
         unit='usual distance',
         source='sweep',
     )
-    least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(
         0.3, 'largest position error of an informative edge', unit='px', source=('sweep')
     )
@@ -89,7 +98,6 @@ class EllipseSettings:
     within: float = tuning(
         0.9, 'of the most that a blob covers of a pixel, where it is its inside', source='sweep'
     )
-    plain: float = tuning(0.3, 'inside of a blob, darker than it is drawn at most', unit='height')
     on_edge: float = tuning(
         0.03, 'distance of an edge that is on the outline', unit='px', source='sweep'
     )

@@ -70,24 +70,32 @@ class MovingDotSettings:
         unit='blur',
         source='sweep',
     )
-    passes: int = tuning(14, 'most passes of the fit')
-    done: float = tuning(0.01, 'step of the center after which the fit ends', unit='px')
-    largest_change: float = tuning(0.4, 'largest total change of the size', unit='radius')
-    moves: int = tuning(3, 'times that the pixels used are moved after the center')
+    passes: int = tuning(14, 'most passes of the fit', source='sweep')
+    done: float = tuning(
+        0.01, 'step of the center after which the fit ends', unit='px', source='sweep'
+    )
+    moves: int = tuning(3, 'times that the pixels used are moved after the center', source='sweep')
+    largest_change: float = tuning(
+        0.4, 'largest total change of the size', unit='radius', source='sweep'
+    )
     near: float = tuning(
         0.1,
         'change of the center below which the pixels used are not moved',
         unit='radius',
         source='sweep',
     )
-    way_std: float = tuning(0.2, 'std of the motion predicted by the row', unit='way')
-    fit_std: float = tuning(0.1, 'std of size and motion from other fits', unit='radius, way')
+    way_std: float = tuning(
+        0.2, 'std of the motion predicted by the row', unit='way', source='sweep'
+    )
+    fit_std: float = tuning(
+        0.1, 'std of size and motion from other fits', unit='radius, way', source='sweep'
+    )
     informing: int = tuning(
         3, 'nearest neighbors that give the prior of size and contrast', source='sweep'
     )
     fewest: int = tuning(2, 'fewest neighbors for a prior', source='sweep')
     contrast_std: float = tuning(
-        0.3, 'std of the contrast predicted by neighbors', unit='contrast'
+        0.3, 'std of the contrast predicted by neighbors', unit='contrast', source='sweep'
     )
     least_size_std: float = tuning(
         0.01, 'least std of the size predicted by neighbors', unit='radius', source='sweep'

@@ -40,6 +40,9 @@ U, V, XX, XY, YY, BLUR, WAY_U, WAY_V, LIGHT, BEHIND = range(10)
 SHAPE_STD, BLUR_STD, WAY_STD, LIGHT_STD, SIZE_STD = range(10, 15)  # before
 ERROR, NEAR, ON, WITHIN, OUTSIDE = range(10, 15)  # after
 GREY_LEVELS = 256
+PLAIN = 0.3  # of its height, that the inside of a blob may be darker than it is drawn
+LEAST_BLUR, MOST_BLUR = 0.29, 3.5  # px, of an edge; a pixel is a square of this standard deviation
+LEAST_AXIS = 0.5  # px, half the smallest axis of an ellipse
 
 
 @kernel
@@ -76,7 +79,7 @@ def fit_outlines(
         now[:] = start[:10]
         if moments == 1:
             now[WAY_U] = now[WAY_V] = 0.0
-        now[BLUR] = min(max(start[BLUR], settings.least_blur), settings.most_blur)
+        now[BLUR] = min(max(start[BLUR], LEAST_BLUR), MOST_BLUR)
         if math.isinf(start[LIGHT_STD]):
             now[LIGHT] = first_plateau(start, rim, many, settings)
         off[:] = 0.0
@@ -184,7 +187,7 @@ def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
         covered = lines[COVERED * BLOCK + place]
         if covered > settings.within * most:
             inside += 1
-            least = (covered - settings.plain) * (one[LIGHT] - one[BEHIND])
+            least = (covered - PLAIN) * (one[LIGHT] - one[BEHIND])
             plain += lines[LEVEL * BLOCK + place] >= one[BEHIND] + least
     return plain / max(inside, 1)
 
@@ -291,7 +294,7 @@ def move_ellipse(
     xx, xy, yy = (square_xx + root) / scale, square_xy / scale, (square_yy + root) / scale
     now[2], now[3], now[4] = xx, xy, yy
     now[5] += min(max(step[5], -settings.widest_step), settings.widest_step)
-    now[5] = min(max(now[5], settings.least_blur), settings.most_blur)
+    now[5] = min(max(now[5], LEAST_BLUR), MOST_BLUR)
     if moves:
         now[6] += min(max(step[6], -settings.shift), settings.shift)
         now[7] += min(max(step[7], -settings.shift), settings.shift)
@@ -300,7 +303,7 @@ def move_ellipse(
     slopes[1] += step[10]
     smallest = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
     smear = math.hypot(now[6], now[7])
-    whole: bool = smallest >= settings.least_axis and smear <= settings.most_smear
+    whole: bool = smallest >= LEAST_AXIS and smear <= settings.most_smear
     return whole
 
 

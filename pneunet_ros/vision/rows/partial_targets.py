@@ -32,11 +32,14 @@ from pneunet_ros.vision.dots.moving_dots import (
 from pneunet_ros.vision.gating import Mask
 from pneunet_ros.vision.row_look import (
     believable_parts,
+    FEWEST,
     has_whole_edge,
     is_larger,
     looks_of_neighbors,
+    OFF_PLACE,
     part_stds,
     share_of_area,
+    UNSURE,
     whole_targets,
 )
 from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
@@ -53,7 +56,7 @@ def with_partial(
     sized (targets,): mask of targets with their own usual area; other arguments as in `gate_row`.
     """
     settings = view.vision.row_look
-    if row.seen <= settings.fewest:
+    if row.seen <= FEWEST:
         return row
     starts = _places_by_neighbors(view, row, last)
     large = is_larger(usual, view.vision.gating) & ~sized
@@ -112,7 +115,7 @@ def _parts_at(
     found[partial] = blobs_at(view.image, expected[partial], view.appearance)
     found[:, STD] = part_stds(found, expected, settings)
     off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
-    believed = off <= settings.moved * np.sqrt(usual / math.pi)
+    believed = off <= OFF_PLACE * np.sqrt(usual / math.pi)
     share = share_of_area(row.table, expected)
     believed &= believable_parts(found, expected, share, settings, view.vision.gating)
     if last is not None:
@@ -195,7 +198,7 @@ def _moving_at(
             fitting = rows_of(as_fitted(outline, dot)[None])[0]
             radius = math.sqrt(fitting[AREA] / math.pi)
             off = math.hypot(*(dot.center - places[target]))
-            precise = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
+            precise = dot.std <= UNSURE * radius and not found[target, STD] <= dot.std
             if precise and off <= radius:
                 found[target], fitted[target] = fitting, dot
         if target in fitted:  # skin and light change along the arm: the nearest predicts best
@@ -223,7 +226,7 @@ def _places_by_neighbors(
     lost, both = last.seen & ~seen, last.seen & seen
     if not (lost.any() and both.any()):
         return (on_row,)
-    predicted = last.predict(view.image.stamp_ns, view.vision.row_tracker.longest_prediction)
+    predicted = last.predict(view.image.stamp_ns)
     moved, off = np.full_like(predicted, np.nan), (row.table[:, :2] - predicted)[both]
     for axis in range(2):
         more = np.interp(view.arclength[lost], view.arclength[both], off[:, axis])
@@ -244,5 +247,5 @@ def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> M
     between = np.zeros_like(doubtful)
     between[seen[0] : seen[-1]] = True
     off = np.hypot(*(found[:, :2] - expected_pixels(view, others)).T)
-    reach = view.vision.row_look.appeared * np.sqrt(found[:, AREA] / math.pi)
+    reach = OFF_PLACE * np.sqrt(found[:, AREA] / math.pi)
     return np.asarray(~(doubtful & between) | (off <= reach))

@@ -27,6 +27,8 @@ from pneunet_ros.vision.gating import Mask
 from pneunet_ros.vision.rows.view import View
 from pneunet_ros.vision.settings import VisionSettings
 
+LONGEST_PREDICTION = 0.1  # s, for which velocities are extrapolated: then an arm may have turned
+
 # Why a target of a row that was found is not seen, as a person reads it after "target N: ".
 CAUSES = {
     'no_dot': 'nothing at its position looks like a dot: it is covered, out of focus, outside '
@@ -66,13 +68,10 @@ class TrackedRow:
     spacing: float
     exposure: float
 
-    def predict(self, stamp_ns: int, longest: float) -> Array:
-        """Return the predicted targets at a stamp, (targets, 2) px.
-
-        longest: time (s) for which velocities are extrapolated.
-        """
-        seconds = seconds_between(self.stamp_ns, stamp_ns)
-        return np.asarray(self.pixels + min(seconds, longest) * self.velocity)
+    def predict(self, stamp_ns: int) -> Array:
+        """Return the predicted targets at a stamp, (targets, 2) px."""
+        seconds = min(seconds_between(self.stamp_ns, stamp_ns), LONGEST_PREDICTION)
+        return np.asarray(self.pixels + seconds * self.velocity)
 
     def outlines(self, places: Array, vision: VisionSettings) -> Array:
         """Return predicted outlines of targets with unchanged appearance; places (n, 2) px."""

@@ -12,11 +12,13 @@ from pneunet_ros.vision.gating import (
     consistent_size,
     consistent_spacing,
     expected_points,
-    gating_numbers,
+    FARTHEST,
     Mask,
 )
 from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
 from pneunet_ros.vision.rows.view import View
+
+NEAR_CLAMP = 4  # targets that hardly move unless the camera does
 
 
 def gate_row(
@@ -40,11 +42,9 @@ def gate_row(
     why[there] = ''
     table[taken], why[taken] = np.nan, 'other'
     why[~there & (why == '')] = 'no_dot'
-    farthest = gating.farthest
+    farthest = FARTHEST
     if last is not None:
-        off = table[:, :2] - last.predict(
-            view.image.stamp_ns, view.vision.row_tracker.longest_prediction
-        )
+        off = table[:, :2] - last.predict(view.image.stamp_ns)
         off[~last.seen] = np.nan
         alone = consistent_motion(off, last.spacing, gating)[1]
         table[alone], why[alone] = np.nan, 'motion'
@@ -57,7 +57,7 @@ def gate_row(
     points[~sized] = np.nan
     why[~sized & (why == '')] = 'size'
     x, y = np.ascontiguousarray(points.T)
-    seen = consistent_spacing(x, y, view.arclength, farthest, gating_numbers(gating))
+    seen = consistent_spacing(x, y, view.arclength, farthest, gating.longest)
     std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
     table[~seen] = points[~seen] = std[~seen] = np.nan
     why[~seen & (why == '')] = 'place'
@@ -76,20 +76,18 @@ def expected_pixels(view: View, points: Array) -> Array:
     points (targets, 2) m in base, NaN where a target is not seen.
     """
     x, y = np.ascontiguousarray(points.T)
-    gating = gating_numbers(view.vision.gating)
-    expected = np.column_stack(expected_points(x, y, view.arclength, gating))
+    expected = np.column_stack(expected_points(x, y, view.arclength))
     return view.lens.distort(view.plane.normalized(expected))
 
 
 def is_at_clamp(view: View, points: Array) -> bool:
     """Whether the first seen target, if it is near the clamp, is at a possible position."""
-    settings, arclength, clamp_angle = view.vision.row_tracker, view.arclength, view.clamp_angle
-    seen = np.flatnonzero(np.isfinite(points[: settings.near_clamp, 0]))
+    arclength = view.arclength
+    seen = np.flatnonzero(np.isfinite(points[:NEAR_CLAMP, 0]))
     if not seen.size:
         return True
     first = int(seen[0])
     x, y = points[first].tolist()
-    aside = y * math.cos(clamp_angle) - x * math.sin(clamp_angle)
     allowed = (1.0 + first) * float(arclength[1] - arclength[0])
-    off_along = abs(math.hypot(x, y) - float(arclength[first]))
-    return off_along <= settings.off_along * allowed and abs(aside) <= settings.off_aside * allowed
+    off = abs(math.hypot(x, y) - float(arclength[first]))
+    return off <= view.vision.row_tracker.off_along * allowed

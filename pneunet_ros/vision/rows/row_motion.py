@@ -16,6 +16,8 @@ from pneunet_ros.vision.rows.row_gate import expected_pixels
 from pneunet_ros.vision.rows.view import View
 from pneunet_ros.vision.settings import VisionSettings
 
+LEAST_WAY = 5.0  # px, of all targets between two frames, before the shutter is estimated
+
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:
     """Return a newly found row as a tracked row with unknown velocity."""
@@ -118,7 +120,7 @@ def exposure_of(
         before = math.sqrt(least * seconds)
     smeared = (table[:, SMEAR] != 0.0).any(axis=1)
     square = np.sum(velocity[smeared] ** 2)
-    if square * seconds**2 < settings.least_way**2:
+    if square * seconds**2 < LEAST_WAY**2:
         return before
     along = np.sum(np.abs(np.sum(velocity[smeared] * table[smeared, SMEAR], axis=1)))
     return float(np.clip(along / square, least, seconds))

@@ -10,7 +10,7 @@ from pneunet_ros.vision.association import least_seen, near_row_from_clamp, row_
 from pneunet_ros.vision.dots.areas import round_areas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.dots.centroid import AREA, COLUMNS
-from pneunet_ros.vision.gating import initial_area
+from pneunet_ros.vision.gating import FARTHEST, initial_area
 from pneunet_ros.vision.rest_plane import Failure
 from pneunet_ros.vision.row_look import has_whole_edge, shows_own_size
 from pneunet_ros.vision.rows.partial_targets import with_partial
@@ -21,7 +21,7 @@ from pneunet_ros.vision.rows.view import NO_AREAS, View
 
 def search_around(view: View, last: TrackedRow) -> ObservedRow | Failure:
     """Find the row that starts at the clamp near its last position."""
-    reach = view.vision.gating.farthest * last.spacing
+    reach = FARTHEST * last.spacing
     places = last.pixels[np.isfinite(last.pixels[:, 0])]
     if not (len(places) and math.isfinite(reach)):
         return NO_AREAS
@@ -83,7 +83,7 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
         blobs.shapes[usable],
     )
     targets = view.arclength.size
-    least = least_seen(targets, vision.association)
+    least = least_seen(targets, vision.beam_search)
     table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
     table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
     shown = shows_own_size(table, vision.row_look, vision.gating)

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.vision.association import TargetRow
+from pneunet_ros.vision.association import LEAST_TARGETS, TargetRow
 from pneunet_ros.vision.beam_search import Indices, Mask
 from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
@@ -197,7 +197,7 @@ def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Fail
     at_rest = whole = _row_at_rest(view, blobs, points, arclength, limits)
     if isinstance(whole, Failure):
         # The last target may be seen in part: its neighbors tell where to look for it.
-        short = arclength.size > vision.association.least_targets
+        short = arclength.size > LEAST_TARGETS
         if whole.reason != 'no_row' or not short:
             return whole
         at_rest = _row_at_rest(view, blobs, points, arclength[:-1], limits)

@@ -48,7 +48,7 @@ class View:
 
     def is_taken(self, table: Array) -> Mask:
         """Whether blobs (n, COLUMNS) belong to other rows (n,)."""
-        return np.asarray(same_blobs(table, self.taken, self.appearance.blobs).any(axis=1))
+        return np.asarray(same_blobs(table, self.taken).any(axis=1))
 
     def round_areas(self) -> RoundAreas:
         """Return candidate areas for blobs, most salient first."""
