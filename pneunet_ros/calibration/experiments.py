@@ -142,7 +142,7 @@ class FitSequence:
 
     @property
     def first_stiffness(self) -> float:
-        """EI (N m^2) at the start of the search."""
+        """Initial EI (N m^2) of the search."""
         return FIRST_ALPHA * self.frame.weight * self.frame.length**2
 
     def law(

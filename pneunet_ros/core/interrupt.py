@@ -17,8 +17,8 @@ _held: list[int] | None = None  # signals that arrived during critical work
 class Deferrable:
     """A signal handler that can be deferred until critical work is complete.
 
-    If it is already installed, work keeps it: replacing it would also remove handlers that a C
-    library, such as rclpy, has installed in front of it.
+    A handler that is already installed is not replaced for the deferral, because this would also
+    remove handlers that a C library, such as rclpy, has installed in front of it.
     """
 
     handler: Callable[[int, FrameType | None], Any]

@@ -20,7 +20,7 @@ class CameraDelay(Effect):
     delay: float = quantity(
         0.0,
         unit='s',
-        meaning='by which stamps of frames are late',
+        meaning='delay of the stamps of frames',
         bounds=(-10.0, 10.0),
         prior=(-0.2, 0.2),
         source='prior: stamped on receipt, behind exposure, transport and some buffered frames',

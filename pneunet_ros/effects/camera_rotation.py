@@ -22,7 +22,7 @@ class CameraRotation(Effect):
     angle: float = quantity(
         0.0,
         unit='rad',
-        meaning='counter-clockwise turn from the true to the measured point',
+        meaning='counter-clockwise rotation from the true to the measured point',
         bounds=(-math.pi, math.pi),
         prior=(-0.1, 0.1),
         source='prior: 6 degrees, a camera mounted by eye',

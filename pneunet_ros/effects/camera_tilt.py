@@ -26,7 +26,7 @@ class CameraTilt(Effect):
     tilt_x: float = quantity(
         0.0,
         unit='1/m',
-        meaning='fall of scale along E1',
+        meaning='decrease of the scale along E1',
         bounds=(-10.0, 10.0),
         prior=(-0.9, 0.9),
         source=PRIOR,
@@ -34,7 +34,7 @@ class CameraTilt(Effect):
     tilt_y: float = quantity(
         0.0,
         unit='1/m',
-        meaning='fall of scale along E2',
+        meaning='decrease of the scale along E2',
         bounds=(-10.0, 10.0),
         prior=(-0.9, 0.9),
         source=PRIOR,

@@ -22,7 +22,7 @@ class ClampCompliance(Effect):
     compliance: float = quantity(
         0.0,
         unit='rad/(N m)',
-        meaning='turn of the clamp per moment',
+        meaning='rotation of the clamp per moment',
         bounds=(0.0, 1e4),
         prior=(0.0, 20.0),
         source='prior: up to 0.1 rad at the 5 mN m of Table 1',

@@ -24,7 +24,7 @@ class Contact(Effect):
     force: float = quantity(
         0.0,
         unit='N',
-        meaning='along the normal',
+        meaning='force along the normal',
         bounds=(-1e3, 1e3),
         prior=(-0.1, 0.1),
         source='prior: half of the end forces of Table 1',
@@ -32,7 +32,7 @@ class Contact(Effect):
     arclength: float = quantity(
         0.6,
         unit='-',
-        meaning='where it pushes, s / l',
+        meaning='position of the force, s / l',
         bounds=(0.02, 1.0),
         prior=(0.2, 1.0),
         source='prior: nearer to the clamp a push hardly moves the arm',

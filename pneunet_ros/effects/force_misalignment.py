@@ -21,7 +21,7 @@ class ForceMisalignment(Effect):
     angle: float = quantity(
         0.0,
         unit='rad',
-        meaning='counter-clockwise turn from the reading to the true force',
+        meaning='counter-clockwise rotation from the reading to the true force',
         bounds=(-math.pi, math.pi),
         prior=(-0.1, 0.1),
         source='prior: 6 degrees, a sensor mounted by eye',

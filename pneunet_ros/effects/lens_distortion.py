@@ -27,7 +27,7 @@ class LensDistortion(Effect):
     radial: float = quantity(
         0.0,
         unit='1/m^2',
-        meaning='relative growth of scale with the square of the distance; < 0: barrel',
+        meaning='relative increase of scale with the square of the distance; < 0: barrel',
         bounds=(-1e4, 1e4),
         prior=(-20.0, 20.0),
         source='prior: 6 % at 0.056 m from the center, half of the arm of Table 1',

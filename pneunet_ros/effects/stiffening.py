@@ -20,7 +20,7 @@ class Stiffening(Effect):
     coefficient: float = quantity(
         0.0,
         unit='m^2',
-        meaning='c',
+        meaning='coefficient c',
         bounds=(0.0, 1.0),
         prior=(0.0, 1e-3),
         source='prior: doubles the moment at d = 30 1/m',

@@ -43,11 +43,11 @@ class ClockDelaySettings:
     """Settings of the delay fit, and criteria for rejecting a delay."""
 
     components: int = tuning(
-        2, 'principal components of the motion that are used', unit='number', source=('sweep')
+        2, 'principal components of the motion that are used', unit='number', source='sweep'
     )
     seen: float = tuning(0.8, 'share of the frames in which a target must be seen', source='sweep')
     overlap: float = tuning(
-        0.75, 'smallest overlap of film and table, relative to the shorter one', source=('sweep')
+        0.75, 'smallest overlap of film and table, relative to the shorter one', source='sweep'
     )
     explained: float = tuning(
         0.8, 'smallest share of the motion that pressure and load must explain', source='sweep'
@@ -55,13 +55,13 @@ class ClockDelaySettings:
     rival: float = tuning(
         2.0, 'squared residual of the next best delay over that of the best', source='sweep'
     )
-    powers: int = tuning(6, 'highest power of the pressure', unit='number', source=('sweep'))
+    powers: int = tuning(6, 'highest power of the pressure', unit='number', source='sweep')
     plays: tuple[Plays, ...] = tuning(
         (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
         'sets of plays (dead bands), each fitted; the spread of the fits is part of the '
         'standard error',
         unit='range of pressure',
-        source=('sweep'),
+        source='sweep',
     )
     law: float = tuning(
         0.1, 'relative error of the effect that plays have on the delay', source='sweep'
@@ -72,7 +72,7 @@ class ClockDelaySettings:
         source='measured: 0.00 to 0.09 if the pressure repeats one loop, else 0.10 to 0.95',
     )
     relaxations: tuple[float, ...] = tuning(
-        (1.0, 3.0, 10.0, 30.0), 'time constants', unit='s', source=('sweep')
+        (1.0, 3.0, 10.0, 30.0), 'time constants', unit='s', source='sweep'
     )
     stamps: float = tuning(
         0.05, 'error of stamps of frames and readings', unit='period', source='sweep'

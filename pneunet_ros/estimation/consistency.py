@@ -51,7 +51,7 @@ class ConsistencySettings:
         'largest distance of a frame from the nearest reading, in periods; includes half a '
         'period of jitter',
         unit='period',
-        source=('sweep'),
+        source='sweep',
     )
     tip_level: float = tuning(
         0.05,
@@ -241,7 +241,7 @@ class ConsistencyState:
         return replace(self, unmatched=count_reason(self.unmatched, reason))
 
     def disagreement(self) -> Disagreement | None:
-        """Return the recent disagreement of measured and estimated targets; None: too few frames.
+        """Return the recent disagreement of measured and estimated targets; None for few frames.
 
         Errors of registration, placement and model are the same in many frames and do not average
         out, so the limit of the mean is that of a single frame.

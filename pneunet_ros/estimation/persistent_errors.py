@@ -51,18 +51,18 @@ class PersistenceSettings:
     frames: int = tuning(
         200,
         'frames of a recording that are used, evenly spread, up to twice as many',
-        source=('sweep'),
+        source='sweep',
     )
     odd: float = tuning(
         0.05,
         'largest share of outlier frames of a correct model, which show no persistent errors',
-        source=('sweep'),
+        source='sweep',
     )
     camera: float = tuning(
         0.01,
         'displacement of the camera, which is not an error of the arm',
         unit='length',
-        source=('sweep'),
+        source='sweep',
     )
     white_error: float = tuning(0.05, 'relative error of the std of white noise', source='sweep')
 

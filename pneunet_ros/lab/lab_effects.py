@@ -323,7 +323,9 @@ class LabLensDistortion(LabEffect):
     """Radial lens distortion about the image center; rich: with a fourth-power term."""
 
     name: ClassVar[str] = 'lens_distortion'
-    radial: float = quantity(0.0, unit='1/m^2', meaning='< 0: barrel', bounds=(-1e4, 1e4))
+    radial: float = quantity(
+        0.0, unit='1/m^2', meaning='radial term; < 0: barrel', bounds=(-1e4, 1e4)
+    )
     middle_x: float = quantity(0.05, unit='m', bounds=(-10.0, 10.0))
     middle_y: float = quantity(0.0, unit='m', bounds=(-10.0, 10.0))
 

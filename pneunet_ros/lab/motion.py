@@ -30,7 +30,7 @@ class LabMotion:
     damping_time: float = quantity(
         0.03, unit='s', meaning='Kelvin-Voigt: damping of a hinge / stiffness', bounds=(0.0, 1e2)
     )
-    tip_mass: float = quantity(0.0, unit='kg', meaning='at the free end', bounds=(0.0, 1e2))
+    tip_mass: float = quantity(0.0, unit='kg', meaning='mass at the free end', bounds=(0.0, 1e2))
     gravity_x: float = quantity(0.0, unit='-', meaning='share of gravity', bounds=(-1.0, 1.0))
     gravity_y: float = quantity(0.0, unit='-', meaning='share of gravity', bounds=(-1.0, 1.0))
     turn_share: Row = (0.0, 1.0)
@@ -42,13 +42,15 @@ class LabMotion:
     )
     peg_x: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
     peg_y: float = quantity(0.0, unit='m', meaning='axis of the peg', bounds=(-10.0, 10.0))
-    peg_radius: float = quantity(0.0, unit='m', meaning='0: no peg', bounds=(0.0, 10.0))
-    peg_friction: float = quantity(0.0, unit='-', meaning='coefficient', bounds=(0.0, 10.0))
+    peg_radius: float = quantity(0.0, unit='m', meaning='radius; 0: no peg', bounds=(0.0, 10.0))
+    peg_friction: float = quantity(
+        0.0, unit='-', meaning='friction coefficient', bounds=(0.0, 10.0)
+    )
     radius: float = quantity(
         0.007, unit='m', meaning='radius of the arm where it touches the peg', bounds=(1e-6, 1.0)
     )
     links: float = quantity(56.0, unit='-', meaning='hinges of the arm', bounds=(4.0, 400.0))
-    timestep: float = quantity(1e-3, unit='s', meaning='of MuJoCo', bounds=(1e-6, 0.01))
+    timestep: float = quantity(1e-3, unit='s', meaning='time step of MuJoCo', bounds=(1e-6, 0.01))
 
     def __post_init__(self) -> None:
         """Check the numbers."""

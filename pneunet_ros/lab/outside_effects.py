@@ -31,8 +31,8 @@ class LabHarmlessMismatch(LabEffect):
     """
 
     name: ClassVar[str] = 'harmless_mismatch'
-    size: float = quantity(0.0, unit='-', meaning='largest share', bounds=(0.0, 0.1))
-    phase: float = quantity(0.0, unit='rad', meaning='of its course', bounds=(-7.0, 7.0))
+    size: float = quantity(0.0, unit='-', meaning='largest relative error', bounds=(0.0, 0.1))
+    phase: float = quantity(0.0, unit='rad', meaning='phase along the arm', bounds=(-7.0, 7.0))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Change the rotation of the joints of the unloaded arm slightly."""
@@ -59,7 +59,9 @@ class LabWeakChamber(LabEffect):
     rigidity_loss: float = quantity(0.0, unit='-', bounds=(0.0, 0.9))
     curvature_dip: float = quantity(0.0, unit='1/m', bounds=(-500.0, 500.0))
     place: float = quantity(0.5, unit='-', meaning='s / l', bounds=(0.0, 1.0))
-    width: float = quantity(0.04, unit='-', meaning='standard, s / l', bounds=(0.005, 1.0))
+    width: float = quantity(
+        0.04, unit='-', meaning='standard deviation, s / l', bounds=(0.005, 1.0)
+    )
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Reduce stiffness and rotation of the joints of the chamber."""
@@ -98,7 +100,7 @@ class LabTouchingPeg(LabEffect):
     name: ClassVar[str] = 'touching_peg'
     stiffness: float = quantity(0.0, unit='N/m', bounds=(0.0, 1e5))
     place: float = quantity(
-        0.6, unit='-', meaning=('s / l of the place that touches'), bounds=(0.05, 1.0)
+        0.6, unit='-', meaning='s / l of the place that touches', bounds=(0.05, 1.0)
     )
     height: float = quantity(0.02, unit='m', meaning='y of the stop', bounds=(-10.0, 10.0))
 
@@ -121,13 +123,13 @@ class LabPush(LabEffect):
 
     name: ClassVar[str] = 'push'
     force: float = quantity(
-        0.0, unit='N', meaning='along the normal (-sin theta, cos theta)', bounds=(-1e3, 1e3)
+        0.0, unit='N', meaning='force along the normal (-sin theta, cos theta)', bounds=(-1e3, 1e3)
     )
     place: float = quantity(0.6, unit='-', meaning='s / l', bounds=(0.02, 1.0))
-    begins: float = quantity(0.0, unit='s', meaning='of the recording', bounds=(0.0, 1e8))
-    ends: float = quantity(math.inf, unit='s', meaning='of the recording', bounds=(0.0, math.inf))
+    begins: float = quantity(0.0, unit='s', meaning='start of the push', bounds=(0.0, 1e8))
+    ends: float = quantity(math.inf, unit='s', meaning='end of the push', bounds=(0.0, math.inf))
     ramp: float = quantity(
-        0.0, unit='s', meaning=('duration of its rise and fall'), bounds=(0.0, 1e5)
+        0.0, unit='s', meaning='duration of its rise and fall', bounds=(0.0, 1e5)
     )
 
     every: float = quantity(
@@ -157,7 +159,9 @@ class LabPulley(LabEffect):
     """
 
     name: ClassVar[str] = 'pulley'
-    eye_x: float = quantity(math.inf, unit='m', meaning='inf: none', bounds=(-1e3, math.inf))
+    eye_x: float = quantity(
+        math.inf, unit='m', meaning='x of the pulley; inf: none', bounds=(-1e3, math.inf)
+    )
     eye_y: float = quantity(0.0, unit='m', bounds=(-1e3, 1e3))
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
@@ -188,7 +192,7 @@ class LabSlippingBase(LabEffect):
     name: ClassVar[str] = 'slipping_base'
     slip_x: float = quantity(0.0, unit='m', bounds=(-1.0, 1.0))
     slip_y: float = quantity(0.0, unit='m', bounds=(-1.0, 1.0))
-    moment: float = quantity(0.5, unit='-', meaning='of the recording', bounds=(0.0, 1.0))
+    moment: float = quantity(0.5, unit='-', meaning='share of the recording', bounds=(0.0, 1.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Shift the later frames; with a given end load, a shift has no other effect."""

@@ -70,7 +70,7 @@ class SlowRamp(Protocol):
 
     kind: ClassVar[str] = 'slow_ramp'
     top: float = pascals(55e3, 'largest pressure')
-    hold: float = seconds(1.6, 'at the top')
+    hold: float = seconds(1.6, 'hold at the top')
 
     def timeline(self) -> Timeline:
         """Return the ramp."""
@@ -167,7 +167,9 @@ class Strings(Protocol):
     pressures: Row = (0.0, 31e3)  # Pa
     pull_a: Row = (0.25, 0.175)  # of the one string at each pressure, N
     pull_b: Row = (0.0, 0.07)  # of the other string at each pressure, N
-    angle_a: float = quantity(0.0, unit='rad', meaning='of string a', bounds=(-7.0, 7.0))
+    angle_a: float = quantity(
+        0.0, unit='rad', meaning='direction of string a, from E1', bounds=(-7.0, 7.0)
+    )
     angle_b: float = quantity(
         0.5 * math.pi, unit='rad', meaning='direction of string b, from E1', bounds=(-7.0, 7.0)
     )
@@ -204,9 +206,9 @@ class RandomMix(Protocol):
     """
 
     kind: ClassVar[str] = 'random_mix'
-    seed: float = quantity(1.0, unit='-', meaning='of the course', bounds=(0.0, 2.0**31))
-    lowest: float = pascals(2e3, 'pressure')
-    top: float = pascals(60e3, 'pressure')
+    seed: float = quantity(1.0, unit='-', meaning='seed of the course', bounds=(0.0, 2.0**31))
+    lowest: float = pascals(2e3, 'smallest pressure')
+    top: float = pascals(60e3, 'largest pressure')
     force_x: Row = (0.1, 0.28)  # smallest and largest, N
     force_y: Row = (0.0, 0.22)  # smallest and largest, N
 

@@ -26,8 +26,10 @@ Changes = Mapping[str, Mapping[str, float]]
 class Detail:
     """Resolution of the truth: elements and stations, whole numbers."""
 
-    elements: float = quantity(448.0, unit='-', meaning='of the chain', bounds=(8.0, 1e5))
-    stations: float = quantity(113.0, unit='-', meaning='of the truth kept', bounds=(2.0, 1e5))
+    elements: float = quantity(448.0, unit='-', meaning='elements of the chain', bounds=(8.0, 1e5))
+    stations: float = quantity(
+        113.0, unit='-', meaning='stations of the ground truth', bounds=(2.0, 1e5)
+    )
 
     def __post_init__(self) -> None:
         """Check the values."""

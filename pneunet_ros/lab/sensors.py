@@ -26,24 +26,32 @@ _SIZE = (0.0, 1e6)
 class LabNoise:
     """Standard deviations of all measurement errors, SI."""
 
-    pressure_std: float = quantity(60.0, unit='Pa', meaning='white, a reading', bounds=_SIZE)
-    force_std: float = quantity(1e-3, unit='N', meaning='white, a component', bounds=_SIZE)
-    moment_std: float = quantity(1e-5, unit='N m', meaning='white, a reading', bounds=_SIZE)
-    target_std: float = quantity(5e-5, unit='m', meaning='white, a coordinate', bounds=_SIZE)
+    pressure_std: float = quantity(
+        60.0, unit='Pa', meaning='white noise of a reading', bounds=_SIZE
+    )
+    force_std: float = quantity(
+        1e-3, unit='N', meaning='white noise of each component', bounds=_SIZE
+    )
+    moment_std: float = quantity(
+        1e-5, unit='N m', meaning='white noise of a reading', bounds=_SIZE
+    )
+    target_std: float = quantity(
+        5e-5, unit='m', meaning='white noise of each coordinate', bounds=_SIZE
+    )
     placement_std: float = quantity(
-        5e-5, unit='m', meaning='per target, permanent, rotates with the arm', bounds=_SIZE
+        5e-5, unit='m', meaning='constant position error of each target on the arm', bounds=_SIZE
     )
     row_offset: float = quantity(
-        0.0, unit='m', meaning='of all targets, across the arm: offset from the neutral line'
+        0.0, unit='m', meaning='offset of all targets from the neutral line'
     )
     row_spacing: float = quantity(
-        0.0, unit='-', meaning='of all targets, along the arm: error of the spacing'
+        0.0, unit='-', meaning='relative error of the spacing of all targets'
     )
     registration_std: float = quantity(
-        1e-4, unit='m', meaning='of the camera, per recording', bounds=_SIZE
+        1e-4, unit='m', meaning='position of the camera, per recording', bounds=_SIZE
     )
     drift_std: float = quantity(
-        5e-5, unit='m', meaning='of the camera, at the end of a recording', bounds=_SIZE
+        5e-5, unit='m', meaning='drift of the camera at the end of a recording', bounds=_SIZE
     )
     imu_std: float = quantity(
         0.02,
@@ -51,7 +59,7 @@ class LabNoise:
         meaning=('white noise of each component of the accelerometer'),
         bounds=_SIZE,
     )
-    jitter_std: float = quantity(5e-4, unit='s', meaning='of stamps', bounds=(0.0, 1.0))
+    jitter_std: float = quantity(5e-4, unit='s', meaning='jitter of stamps', bounds=(0.0, 1.0))
     dropout: float = quantity(
         0.003, unit='-', meaning='share of targets that are not seen', bounds=(0.0, 0.9)
     )

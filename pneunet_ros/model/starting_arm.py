@@ -9,8 +9,8 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.model.uncertainty import SensorNoise
 
-MEASURED = 'measured with ruler and scale'
-INVENTED = 'invented, as a start for the calibration'
+MEASURED = 'measured with a ruler and a scale'
+INVENTED = 'invented, as a starting point for the calibration'
 # Placeholders, until a calibration finds others.
 TURN = 2.0  # rad, of the tip at the largest pressure
 SPLIT = 0.1  # l1 / l, representative: the paper's arm

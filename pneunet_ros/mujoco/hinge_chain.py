@@ -36,7 +36,7 @@ class HingeChain:
     name: str
     length: float = quantity(unit='m', meaning='soft length', bounds=(1e-4, 10.0))
     tip_cap: float = quantity(
-        0.0, unit='m', meaning=('length of the rigid part beyond it'), bounds=(0.0, 10.0)
+        0.0, unit='m', meaning=('length of the rigid part beyond the soft end'), bounds=(0.0, 10.0)
     )
     clamp_angle: float = quantity(0.0, unit='rad', meaning='heading at rest', bounds=(-7.0, 7.0))
     mass: float = quantity(
@@ -52,7 +52,9 @@ class HingeChain:
     radius: float = quantity(
         unit='m', meaning='radius of the collision capsules', bounds=(1e-6, 1.0)
     )
-    timestep: float = quantity(1e-3, unit='s', meaning='of the simulation', bounds=(1e-6, 0.1))
+    timestep: float = quantity(
+        1e-3, unit='s', meaning='time step of the simulation', bounds=(1e-6, 0.1)
+    )
     hinge: Array
     pressure: Array
     stiffness: Array

@@ -93,7 +93,7 @@ def _log(database: Path) -> Path:
 
 
 def _unpack(path: Path, plain: Path) -> None:
-    """Unpack a file up to the size limit; of a truncated one, its start."""
+    """Unpack a file up to the size limit; of a truncated file, its beginning."""
     remaining = ALWAYS_UNPACKED + MOST_EXPANSION * path.stat().st_size
     with open_regular(path) as packed, plain.open('wb') as target:
         try:

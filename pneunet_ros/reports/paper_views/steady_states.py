@@ -56,7 +56,7 @@ class SteadyState:
 
 
 def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
-    """Return all steady states of a run of a fit, in order of time; arm: the fitted one."""
+    """Return all steady states of a run of a fit, in order of time; arm: the fitted arm."""
     noise, points = arm.sensors, arm_points(fitted, arm)
     run = fitted.run
     readings = np.column_stack([run.frame_pressure, run.force])

@@ -99,7 +99,7 @@ class TrackingPage:
     def _frame(
         self, seconds: float, image: Image, tracking: Tracking, state: TrackerState
     ) -> dict[str, Any]:
-        """Return the data of a frame for the script of the page; px of the small image."""
+        """Return the data of a frame for the script of the page, in pixels of the small image."""
         grey = image.grey()
         scale = min(1.0, WIDEST / image.width)
         small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
