@@ -220,7 +220,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'too_few_frames': 'there are too few frames',
     'uncertain_between': 'the shape between targets is uncertain',
     'uneven_stiffness': 'the stiffness seems to vary along the arm',
-    'unsure': 'the loaded recordings can be fitted only by assuming that the readings are wrong',
+    'unsure': 'only the noise of the readings explains the misfit under load',
     'wrong_weight': 'the arm swings faster than its weight allows',
     # Diagnosis
     'closest': 'the closest explanation, and why it is not named',
