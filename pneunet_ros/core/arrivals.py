@@ -20,7 +20,7 @@ from itertools import takewhile
 from typing import Generic, NamedTuple, TypeVar
 
 Item = TypeVar('Item')
-LONGEST_WAIT_NS = 2_000_000  # ten times that between consecutive messages, acceptance/bursts.py
+LONGEST_WAIT_NS = 2_000_000  # ten times the gap of consecutive messages, acceptance/bursts.py
 MOST_MISSED = 2  # messages of a topic for which pressures still wait
 EARLIEST = 0.75  # share of the last interval of a topic before which no message is expected
 

@@ -48,8 +48,8 @@ class ConsistencySettings:
 
     reach: float = tuning(
         0.75,
-        'largest distance of a frame from the nearest reading, in periods; includes half a '
-        'period of jitter',
+        'largest distance of a frame from the nearest reading: half a period, and half as '
+        'much for jitter',
         unit='period',
         source='sweep',
     )
