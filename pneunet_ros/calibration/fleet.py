@@ -341,7 +341,7 @@ def next_estimate(
     precision = precision * counted[..., None, None]
     step = np.einsum('daij,daj->di', precision, deviation)
     total = precision.sum(axis=1)
-    unknown = np.diagonal(total, axis1=1, axis2=2) == 0.0  # the weight of all arms in use
+    unknown = np.diagonal(total, axis1=1, axis2=2) == 0.0  # for all arms in use
     center = (
         center
         + np.linalg.solve(total + unknown[..., None] * np.eye(step.shape[1]), step[..., None])[

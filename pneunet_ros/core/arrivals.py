@@ -21,7 +21,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 Item = TypeVar('Item')
 LONGEST_WAIT_NS = 2_000_000  # ten times the gap of consecutive messages, acceptance/bursts.py
-MOST_MISSED = 2  # messages of a topic for which pressures still wait
+MOST_MISSED = 2  # missed messages of a topic after which pressures no longer wait
 EARLIEST = 0.75  # share of the last interval of a topic before which no message is expected
 
 

@@ -47,7 +47,7 @@ STIFFNESS_UNKNOWN = (
 SETUP_PROBLEMS = (
     *(one.sentence for one in CAUSES if one.sentence),
     STIFFNESS_UNKNOWN,
-)  # the remedy
+)  # problems that the user can fix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -204,9 +204,8 @@ def find_contacts(
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
     seen = problem.used.size
-    predicted_gain = 2.0 * float(
-        scores.gain.max()
-    )  # beyond this the problem is not linear, and a std of the force is meaningless
+    # Beyond this the problem is not linear, and a std of the force is meaningless.
+    predicted_gain = 2.0 * float(scores.gain.max())
 
     free = evidence_cost((problem, fit), seen) - 2.0 * settings.odds_against
 

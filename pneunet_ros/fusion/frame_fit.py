@@ -45,7 +45,7 @@ from scipy.linalg.lapack import dpotri, dpotrs
 
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 MOST_STEPS = 12  # largest number of steps of the search in a frame
-MOST_HALVINGS = 6  # factor for a step that does not lower the cost
+MOST_HALVINGS = 6  # of a step that does not lower the cost
 
 Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]

@@ -140,7 +140,7 @@ class TipSearch:
         from scipy.optimize import least_squares  # slow to import, and rarely needed
 
         best = latest = guess
-        lost = np.full(2, self.tip_error(guess) + self.arm.length)  # no step reaches the tip
+        lost = np.full(2, self.tip_error(guess) + self.arm.length)  # cost of a failed trial
 
         def fits(force: Array) -> bool:
             nonlocal best, latest

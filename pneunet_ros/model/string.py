@@ -14,7 +14,7 @@ from pneunet_ros.model.equilibrium import solve, tip_jacobian
 from pneunet_ros.model.shape import Shape
 
 MOST_STEPS = 30  # total number of Newton steps
-LEAST_TENSION = 1.0 / 64.0  # initial step of the tension, relative to all of it
+LEAST_TENSION = 1.0 / 64.0  # smallest step of the tension, relative to all of it
 EXACT = 1e-9  # of the tension
 
 

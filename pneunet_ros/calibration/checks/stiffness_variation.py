@@ -27,7 +27,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 
 STATIONS = 21  # places along the arm at which a variation is evaluated
-HALVINGS = 30  # points of quadrature: 30 give nine digits
+HALVINGS = 30  # halvings of an interval: 30 give nine digits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
