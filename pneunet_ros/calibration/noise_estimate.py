@@ -20,7 +20,7 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.measurement.dataset import RecordingData, SIGMA_OF_MEDIAN
 from pneunet_ros.measurement.errors.rounding_error import rounding_std
-from pneunet_ros.measurement.row_order import ROW_ORDER
+from pneunet_ros.measurement.row_order import AT_CLAMP
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
@@ -426,7 +426,7 @@ def camera(
     Both are estimated from few values, whose variance beyond the white noise may be zero by
     chance: the result is at least its own standard error.
     """
-    if arclength.size == 0 or arclength[0] > ROW_ORDER.at_clamp * arclength[-1]:
+    if arclength.size == 0 or arclength[0] > AT_CLAMP * arclength[-1]:
         return None, None
     means_of_runs, squared_steps, white_squares = [], [], []
     for run in runs:

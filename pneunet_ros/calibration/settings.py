@@ -32,7 +32,11 @@ class SameArmSettings:
         0.06, 'the same, if no recording shows the effect of history', unit='length'
     )
     times_past: float = tuning(3.0, 'difference relative to that by history')
-    outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
+    outlier: float = tuning(
+        5.0,
+        'chi squared per coordinate of an outlier recording',
+        unit='median of the others, at least 1',
+    )
     misfit: float = tuning(4.0, 'chi squared per coordinate that indicates a model error')
     few_frames: float = tuning(
         0.05, 'share of the frames that are few, where these alone are missed; invented'
@@ -46,7 +50,6 @@ class SameArmSettings:
         unit='of the range',
         source='virtual lab: kappa_p0 is off by 1.4 standard errors rms at 0.015, 2.2 at 0.023',
     )
-    times_others: float = tuning(5.0, 'chi squared of an outlier over the median of the others')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -248,9 +251,6 @@ class StiffnessVariationSettings:
         0.3,
         'largest contribution to the NEES of the tip, of 2 coordinates',
         source='half of what the mean of tips that are covered well enough, 2.6, is beyond 2',
-    )
-    most_error: float = tuning(
-        0.5, 'largest sigma of ln EI by which a law is widened', source='invented'
     )
 
 

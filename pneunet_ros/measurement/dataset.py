@@ -19,45 +19,24 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class IdleSensorSettings:
-    """Criteria for a recorded force sensor without a load."""
-
-    reach: float = tuning(
-        4.0, 'largest reading of an idle sensor', unit='sigma', source='convention'
-    )
-    chance: float = tuning(0.01, 'probability that noise alone exceeds this in a long recording')
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TriggerSettings:
-    """Criteria for a camera that is triggered together with the readings."""
-
-    same_instant: float = tuning(
-        0.1, 'largest distance of a frame from its reading', unit='period'
-    )
-    share: float = tuning(0.95, 'share of the frames that must be this near')
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PressureJumpSettings:
     """Criteria for a pressure step between two readings, at an unknown time."""
 
-    noise: float = tuning(8.0, 'smallest jump that noise does not explain', unit='sigma')
-    span: float = tuning(0.01, 'smallest jump that matters', unit='of the span of the readings')
     neighbors: float = tuning(
         3.0, 'smallest ratio of a jump to the changes next to it', source='invented'
-    )
-    certain: float = tuning(
-        0.1,
-        'distance from a reading within which a frame shows the value of that reading',
-        unit='of the change',
     )
 
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
-IDLE_SENSOR = IdleSensorSettings()
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+IDLE_REACH = 4.0  # sigma: largest reading of a force sensor without a load
+CHANCE = 0.01  # that noise alone exceeds a limit, in a long recording
+SAME_INSTANT = 0.1  # of a period, from a reading to a frame that was triggered with it
+TRIGGERED = 0.95  # share of the frames that must be as near
+JUMP_NOISE = 8.0  # sigma: a jump that noise does not explain
+JUMP_SPAN = 0.01  # of the span of the readings: least jump that matters
+CERTAIN = 0.1  # of a change, from a reading to a frame that shows its value
 PRESSURE_JUMP = PressureJumpSettings()
-TRIGGER = TriggerSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,18 +144,18 @@ class RecordingData:
             wrench=None,
         )
 
-    def is_idle(self, noise: SensorNoise, settings: IdleSensorSettings = IDLE_SENSOR) -> bool:
+    def is_idle(self, noise: SensorNoise) -> bool:
         """Whether every wrench is within the sensor noise, so that no load was attached."""
-        reach = self.idle_reach(settings)
+        reach = self.idle_reach()
         return not self.load_known and bool(
             np.all(np.abs(self.force) <= reach * noise.force_std)
             and np.all(np.abs(self.moment) <= reach * noise.moment_std)
         )
 
-    def idle_reach(self, settings: IdleSensorSettings = IDLE_SENSOR) -> float:
+    def idle_reach(self) -> float:
         """Return the largest noise (sigma) expected of an idle sensor in a run of this length."""
         values = 3 * len(self.stamp_ns)
-        return max(settings.reach, -NormalDist().inv_cdf(0.5 * settings.chance / values))
+        return max(IDLE_REACH, -NormalDist().inv_cdf(0.5 * CHANCE / values))
 
     def thin(self, most: int) -> RecordingData:
         """Return the run with at most this many evenly spaced frames."""
@@ -324,12 +303,7 @@ def thinned_by_course(run: RecordingData, most: int) -> RecordingData:
     return run.subset(np.unique(np.searchsorted(course, np.linspace(0.0, course[-1], most))))
 
 
-def frame_instants(
-    stamp_ns: Stamps,
-    reading_stamp_ns: Stamps,
-    reading: Stamps,
-    settings: TriggerSettings = TRIGGER,
-) -> Stamps:
+def frame_instants(stamp_ns: Stamps, reading_stamp_ns: Stamps, reading: Stamps) -> Stamps:
     """Return the times of all frames on the clock of the readings, (frames,) ns.
 
     For a camera triggered together with the readings, the times are those of the readings
@@ -340,18 +314,13 @@ def frame_instants(
     if len(reading_stamp_ns) < 2:
         return reading_times
     period = float(np.median(np.diff(reading_stamp_ns)))
-    offset = float(np.quantile(np.abs(stamp_ns - reading_times), settings.share))
-    if offset <= settings.same_instant * period:
+    offset = float(np.quantile(np.abs(stamp_ns - reading_times), TRIGGERED))
+    if offset <= SAME_INSTANT * period:
         return reading_times
     return stamp_ns
 
 
-def frames_in_jumps(
-    shown: Stamps,
-    stamp_ns: Stamps,
-    pressure: Array,
-    settings: PressureJumpSettings = PRESSURE_JUMP,
-) -> npt.NDArray[np.bool_]:
+def frames_in_jumps(shown: Stamps, stamp_ns: Stamps, pressure: Array) -> npt.NDArray[np.bool_]:
     """Return the frames (frames,) taken during a pressure jump between two readings.
 
     shown (ns): times of the frames; stamp_ns (readings,) and pressure (readings,) Pa. Such a frame
@@ -364,12 +333,12 @@ def frames_in_jumps(
     noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(pressure, 2)))) / np.sqrt(6.0)
     padded = np.pad(changes, 1)
     neighbors_change = np.maximum(padded[:-2], padded[2:])
-    jumped = changes > settings.neighbors * neighbors_change
-    jumped &= changes > max(settings.noise * noise, settings.span * float(np.ptp(pressure)))
+    jumped = changes > PRESSURE_JUMP.neighbors * neighbors_change
+    jumped &= changes > max(JUMP_NOISE * noise, JUMP_SPAN * float(np.ptp(pressure)))
     after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
     interval = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)
     fraction = (shown - stamp_ns[after - 1]) / interval
-    between = np.minimum(fraction, 1.0 - fraction) > settings.certain
+    between = np.minimum(fraction, 1.0 - fraction) > CERTAIN
     return np.asarray(jumped[after - 1] & between)
 
 

@@ -86,11 +86,6 @@ class PressureJudgeSettings(JudgeSettings):
         'share of people who live below 500 m',
         source='literature: Cohen and Small, PNAS 95 (1998)',
     )
-    leaves: float = tuning(
-        0.05,
-        'share of recordings that exceed the calibrated range',
-        source='convention: one of twenty',
-    )
     another_arm: float = tuning(
         1e-4,
         'share of recordings of an arm with a very different range than the model',
@@ -100,12 +95,6 @@ class PressureJudgeSettings(JudgeSettings):
         0.1,
         'share of recordings of another arm than the shipped one, if no model is given',
         source='convention: nine of ten users with another arm give its model',
-    )
-    beyond: float = tuning(
-        0.3,
-        'one sigma of how far recordings exceed the calibrated range',
-        unit='of the range',
-        source='convention: the load margin of the domain is of this order',
     )
     noise_spread: float = tuning(
         5.0,

@@ -24,6 +24,10 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 ROUNDS = 2  # Gauss-Newton steps; after them the model is linear within the remaining error
 DIRECTIONS = 8  # directions of the force in which another equilibrium is searched for
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+SNAPPED = 0.02  # lengths, rms of the targets: a frame may show another equilibrium
+SEARCH_RADIUS = 2.0  # sigma, around the reading
+CONFIRMED = 0.3  # of the distance, by which another equilibrium is confirmed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,16 +41,6 @@ class ProbableLoadSettings:
         unit='sigma',
         source='invented',
     )
-    snap_distance: float = tuning(
-        0.02,
-        'rms distance of the targets from which a frame may have snapped to another equilibrium',
-        unit='length',
-        source='invented',
-    )
-    search_radius: float = tuning(2.0, 'search radius around the reading', unit='sigma')
-    distance_ratio: float = tuning(
-        0.3, 'reduction of the distance that confirms another equilibrium'
-    )
 
 
 PROBABLE_LOAD = ProbableLoadSettings()
@@ -59,7 +53,6 @@ def probable_load_errors(
     inputs: Inputs,
     disturbance: Array,
     noise: SensorNoise,
-    settings: ProbableLoadSettings = PROBABLE_LOAD,
 ) -> Array:
     """Return the difference between load and reading, (frames, 3) N, N m.
 
@@ -73,13 +66,13 @@ def probable_load_errors(
     std = attached_std(noise, run)
     if run.load_known or not std.any():
         return shift
-    measured, snap_distance = run.points - disturbance, settings.snap_distance * arm.length
+    measured, snap_distance = run.points - disturbance, SNAPPED * arm.length
     solved_as_read = model.solve(arm, inputs).copy()
-    shift = shift_of_snapped_frames(model, arm, inputs, measured, std, settings)
+    shift = shift_of_snapped_frames(model, arm, inputs, measured, std)
     for _ in range(ROUNDS):
         shifted_inputs = inputs.with_loads(inputs.loads + shift)
         errors = linear_errors(model, arm, run, shifted_inputs, shift, disturbance, noise)
-        weight = np.clip(2.0 - np.abs(errors).max(axis=1) / settings.largest_error, 0.0, 1.0)
+        weight = np.clip(2.0 - np.abs(errors).max(axis=1) / PROBABLE_LOAD.largest_error, 0.0, 1.0)
         previous_shift, distance = shift, distance_to_targets(model, measured)
         previous_solutions = model.subset(np.arange(len(shift)))
         shift = std * errors * weight[:, None]
@@ -87,7 +80,7 @@ def probable_load_errors(
         shift[solved_as_read & ~solved] = 0.0
         new_distance = distance_to_targets(model, measured)
         overshot = np.flatnonzero(
-            (new_distance > snap_distance) & (settings.distance_ratio * new_distance > distance)
+            (new_distance > snap_distance) & (CONFIRMED * new_distance > distance)
         )
         if overshot.size:  # the step crossed the load at which the arm snaps
             shift[overshot] = previous_shift[overshot]
@@ -97,12 +90,7 @@ def probable_load_errors(
 
 
 def shift_of_snapped_frames(
-    model: ForwardModel,
-    arm: Arm,
-    inputs: Inputs,
-    measured: Array,
-    std: Array,
-    settings: ProbableLoadSettings,
+    model: ForwardModel, arm: Arm, inputs: Inputs, measured: Array, std: Array
 ) -> Array:
     """Return load shifts (frames, 3) that bring snapped frames to the observed shape.
 
@@ -111,13 +99,13 @@ def shift_of_snapped_frames(
     """
     shift = np.zeros_like(inputs.loads)
     distance = distance_to_targets(model, measured)
-    snapped = np.flatnonzero(distance > settings.snap_distance * arm.length)
+    snapped = np.flatnonzero(distance > SNAPPED * arm.length)
     if not snapped.size or model.measured is None:
         return shift
-    limit = settings.distance_ratio * distance[snapped]
+    limit = CONFIRMED * distance[snapped]
     snapped_inputs = inputs.subset(snapped)
     for angle in np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS):
-        offset = settings.search_radius * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
+        offset = SEARCH_RADIUS * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
         stepped = model.subset(snapped)
         stepped.known[:] = False  # start at the measured shape
         stepped.solve(arm, snapped_inputs.with_loads(snapped_inputs.loads + offset))

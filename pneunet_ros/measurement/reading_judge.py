@@ -37,6 +37,17 @@ class JudgeSettings:
         'log odds at which another meaning is accepted',
         source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
     )
+    leaves: float = tuning(
+        0.05,
+        'recordings that leave the calibrated pressures or loads',
+        source='convention: one of twenty',
+    )
+    beyond: float = tuning(
+        0.3,
+        'sigma of how far they leave them',
+        unit='of the calibrated range, or of the size of the loads',
+        source='convention: the load margin of the domain is of this order',
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

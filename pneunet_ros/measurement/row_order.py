@@ -6,77 +6,34 @@ in every coordinate frame, even in one that moves with the first target.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
+
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FEWEST_FRAMES = 5  # with a target, for its motion
+CHORD = 0.1  # of the length, from an end to the target that gives its direction
+TURNS = 0.2  # rad: least rotation of the first targets at a wrong end
+TIMES = 3.0  # rotations of the last targets: an even bend gives a third or less
+AT_CLAMP = 0.01  # of the length: a target so near to the clamp does not move with the arm
+CLAMP_MOVES = 0.005  # of the length, with the pressure: a note is given
+CLAMP_NOISE = 5.0  # sigma of a target, which a note exceeds as well
+CLAMP_LOOSE = 0.05  # of the length: the recording is refused
+EXPLAINED = 0.5  # share of its variance that the pressure must explain
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RowOrderSettings:
-    """Criteria for targets numbered from the wrong end, and for a moving clamp."""
-
-    fewest_frames: int = tuning(5, 'fewest frames with a target for estimating its motion')
-    chord: float = tuning(
-        0.1, 'distance from an end to the target that gives the direction there', unit='length'
-    )
-    turns: float = tuning(
-        0.2,
-        'smallest rotation of the first targets that shows a wrong end',
-        unit='rad',
-        source='invented',
-    )
-    times: float = tuning(
-        3.0,
-        'ratio to the rotation of the last targets; an even bend gives a third or less',
-        source='invented',
-    )
-    at_clamp: float = tuning(
-        0.01,
-        'distance from the clamp within which a target does not move with the arm',
-        unit='length',
-    )
-    clamp_moves: float = tuning(
-        0.005,
-        'motion of the clamp with pressure above which a note is given',
-        unit='length',
-        source='invented',
-    )
-    clamp_noise: float = tuning(
-        5.0, 'motion of the clamp that exceeds the noise of a target', unit='sigma'
-    )
-    clamp_loose: float = tuning(
-        0.05,
-        'motion of the clamp with pressure above which the recording is rejected',
-        unit='length',
-        source='invented',
-    )
-    explained: float = tuning(
-        0.5, 'share of its variance that the pressure must explain', source='invented'
-    )
-
-
-ROW_ORDER = RowOrderSettings()
-
-
-def numbered_from_tip(
-    points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
-) -> bool:
+def numbered_from_tip(points: Array, arclength: Array) -> bool:
     """Whether targets (frames, 2, targets) m at arclength (targets,) m are numbered from the tip.
 
     Also False if too few were seen, or if nothing bends.
     """
-    turns = end_turns(points, arclength, settings)
+    turns = end_turns(points, arclength)
     if turns is None:
         return False
     first, last = turns
-    return first > settings.turns and first > settings.times * last
+    return first > TURNS and first > TIMES * last
 
 
-def first_target_moves(
-    points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
-) -> bool:
+def first_target_moves(points: Array, arclength: Array) -> bool:
     """Whether the first target (frames, 2, targets) m moves while the last one rests.
 
     This shows an arm numbered from its free end and measured by a fixed camera.
@@ -85,24 +42,22 @@ def first_target_moves(
     for end in (0, -1):
         places = points[:, :, end]
         places = places[np.isfinite(places[:, 0])]
-        if len(places) < settings.fewest_frames:
+        if len(places) < FEWEST_FRAMES:
             return False
         low, high = np.quantile(places, (0.05, 0.95), axis=0)
         travels.append(float(np.hypot(*(high - low))))
     first, last = travels
     length = float(arclength[-1] - arclength[0])
-    return first > settings.at_clamp * length + arclength[0] and first > settings.times * last
+    return first > AT_CLAMP * length + arclength[0] and first > TIMES * last
 
 
-def end_turns(
-    points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
-) -> tuple[float, float] | None:
+def end_turns(points: Array, arclength: Array) -> tuple[float, float] | None:
     """Return the angles (rad) by which the first and the last targets turn; None if unknown."""
-    seen = np.isfinite(points[:, 0]).sum(axis=0) >= settings.fewest_frames
+    seen = np.isfinite(points[:, 0]).sum(axis=0) >= FEWEST_FRAMES
     known = np.flatnonzero(seen)
     if known.size < 3:
         return None
-    reach = settings.chord * (arclength[known[-1]] - arclength[known[0]])
+    reach = CHORD * (arclength[known[-1]] - arclength[known[0]])
     first, last = arclength[known[0]] + reach, arclength[known[-1]] - reach
     after = int(known[1:][arclength[known[1:]] >= first - 1e-12][0])
     before = int(known[:-1][arclength[known[:-1]] <= last + 1e-12][-1])
@@ -124,29 +79,23 @@ def turning(points: Array, start: int, end: int) -> float | None:
     return float(high - low)
 
 
-def clamp_motion(
-    points: Array,
-    pressure: Array,
-    arclength: Array,
-    length: float,
-    settings: RowOrderSettings = ROW_ORDER,
-) -> float:
+def clamp_motion(points: Array, pressure: Array, arclength: Array, length: float) -> float:
     """Return the motion (m) of the target at the clamp with pressure; 0 if unknown.
 
     points (frames, 2, targets) m, pressure (frames,) Pa, length (m) of the arm. Motion that does
     not follow the pressure is noise and drift of the camera.
     """
-    if not arclength.size or arclength[0] > settings.at_clamp * length:
+    if not arclength.size or arclength[0] > AT_CLAMP * length:
         return 0.0
     position, seen = points[:, :, 0], np.isfinite(points[:, 0, 0])
     position, pressure = position[seen], pressure[seen]
     span = float(np.ptp(pressure)) if pressure.size else 0.0
-    if len(position) < 2 * settings.fewest_frames or span == 0.0:
+    if len(position) < 2 * FEWEST_FRAMES or span == 0.0:
         return 0.0
     columns = np.vander((pressure - pressure.min()) / span, 3)
     coefficients, *_ = np.linalg.lstsq(columns, position, rcond=None)
     fitted = columns @ coefficients
     variance = float(np.var(position, axis=0).sum())
-    if variance == 0.0 or np.var(fitted, axis=0).sum() < settings.explained * variance:
+    if variance == 0.0 or np.var(fitted, axis=0).sum() < EXPLAINED * variance:
         return 0.0
     return float(np.hypot(*np.ptp(fitted, axis=0)))

@@ -48,17 +48,6 @@ class WrenchJudgeSettings(JudgeSettings):
         'prior of a sensor that was not tared',
         source=('convention: half of that of another unit'),
     )
-    loads_differ: float = tuning(
-        0.3,
-        'one sigma of how far loads exceed the calibrated ones',
-        unit='of their size',
-        source='convention: as for pressures',
-    )
-    leaves: float = tuning(
-        0.05,
-        'share of recordings that exceed the calibrated loads',
-        source='convention: one of twenty',
-    )
     idle: float = tuning(
         0.002, 'probability of loads of any size', source='convention: one of five hundred'
     )
@@ -312,7 +301,7 @@ def log_range(
     used = min(float(np.max(np.abs(force))) / expected.largest, 1.0)
     beyond = expected.beyond(force)
     # Student's t with three degrees of freedom: loads of another experiment are possible.
-    squared_deviation = (beyond / settings.loads_differ) ** 2
+    squared_deviation = (beyond / settings.beyond) ** 2
     inside = 1.0 if beyond == 0.0 else settings.leaves / (1.0 + squared_deviation) ** 2
     return math.log(2.0 * used**2 + settings.idle) + math.log(inside)
 

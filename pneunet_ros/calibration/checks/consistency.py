@@ -186,9 +186,7 @@ def outlier_recordings(fit: Fit) -> list[Note]:
     notes = []
     for which, item in enumerate(fit.runs):
         rest = np.delete(chi, which)
-        if rest.size and chi[which] > max(
-            CONSISTENCY.outlier, CONSISTENCY.times_others * float(np.median(rest))
-        ):
+        if rest.size and chi[which] > CONSISTENCY.outlier * max(1.0, float(np.median(rest))):
             notes.append(
                 Note(
                     f'{item.run.name} does not fit the others: its chi squared per coordinate is '

@@ -25,7 +25,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
-from pneunet_ros.measurement.dataset import IDLE_SENSOR, RecordingData, SIGMA_OF_MEDIAN, thinned
+from pneunet_ros.measurement.dataset import CHANCE, RecordingData, SIGMA_OF_MEDIAN, thinned
 from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
 
@@ -288,7 +288,7 @@ def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration |
         gains = gains_of(windows, group)
         found += [(gain, count, one) for gain, one in zip(gains, group, strict=True)]
     gain, count, best = max(found, key=lambda item: item[0])
-    by_noise = -NormalDist().inv_cdf(IDLE_SENSOR.chance / len(found)) * GAIN_STD
+    by_noise = -NormalDist().inv_cdf(CHANCE / len(found)) * GAIN_STD
     if not gain > by_noise * math.sqrt(count):
         return None
     vibration = refined(courses, best)

@@ -24,7 +24,14 @@ from pneunet_ros.measurement.pressure_judge import (
     judge_pressure,
     record_of,
 )
-from pneunet_ros.measurement.row_order import clamp_motion, end_turns, numbered_from_tip, ROW_ORDER
+from pneunet_ros.measurement.row_order import (
+    CLAMP_LOOSE,
+    clamp_motion,
+    CLAMP_MOVES,
+    CLAMP_NOISE,
+    end_turns,
+    numbered_from_tip,
+)
 from pneunet_ros.model.arm import Arm
 
 # Recordings with another unit, arm or sensor are far beyond these, others far within.
@@ -306,7 +313,7 @@ def check_clamp(run: RecordingData, arm: Arm) -> None:
             reason='wrong_end',
         )
     travel = clamp_motion(run.points, run.frame_pressure, places, arm.length)
-    if travel > ROW_ORDER.clamp_loose * arm.length:
+    if travel > CLAMP_LOOSE * arm.length:
         raise RecordingError(
             f'{run.name}: the first target moves by {millimeters(travel):.3g} mm as the pressure '
             'changes, but a target at the clamp cannot move. Fix the clamp, or give the arclength '
@@ -318,7 +325,7 @@ def check_clamp(run: RecordingData, arm: Arm) -> None:
 def describe_clamp(runs: Sequence[RecordingData], arm: Arm) -> tuple[Note, ...]:
     """Report recordings in which the clamp moves slightly with the pressure."""
     places = arm.target_arclength
-    least = max(ROW_ORDER.clamp_moves * arm.length, ROW_ORDER.clamp_noise * arm.sensors.target_std)
+    least = max(CLAMP_MOVES * arm.length, CLAMP_NOISE * arm.sensors.target_std)
     clamp_motions = {
         run.name: clamp_motion(run.points, run.frame_pressure, places, arm.length) for run in runs
     }

@@ -28,6 +28,7 @@ from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 
 STATIONS = 21  # places along the arm at which a variation is evaluated
 HALVINGS = 30  # halvings of an interval: 30 give nine digits
+MOST_ERROR = 0.5  # sigma of ln EI by which a law is widened, at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,7 +186,7 @@ def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     mean_square = np.mean(by_section.transpose(0, 2, 1) @ by_section, axis=0)
     sizes, axes = np.linalg.eigh(mean_square)
     per_meter = axes / np.sqrt(np.maximum(sizes, 1e-12 * sizes.max()))
-    most = STIFFNESS_VARIATION.most_error / np.abs(per_meter).max(axis=0)
+    most = MOST_ERROR / np.abs(per_meter).max(axis=0)
     by_meter = by_section @ per_meter
     low, high = 0.0, float(most.max())
     for _ in range(HALVINGS):
