@@ -14,24 +14,11 @@ class ReportSettings:
     as_noise: float = tuning(
         1.2, 'largest ratio of residual to noise that is reported as noise', source='invented'
     )
-    below_noise: float = tuning(
-        0.7,
-        'ratio of residual to noise below which the noise was overestimated',
-        source='invented',
-    )
     hidden_under_load: float = tuning(
         6.0,
         'largest ratio of the residuals of loaded recordings to those of unloaded ones that '
         'counts as agreement; 1.5 to 4 for arms of the virtual lab',
         source='invented',
-    )
-    tracked_share: float = tuning(
-        0.99,
-        'share of tracked frames from which the tracker is reported to follow',
-        source='invented',
-    )
-    linearity_sigmas: float = tuning(
-        3.0, 'departure from a straight line that counts as significant'
     )
 
 

@@ -18,7 +18,6 @@ from pneunet_ros.reports.paper_views.steady_states import (
     SteadyState,
     thin,
 )
-from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import PressureColors
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, Smoother, smoother_for
 
@@ -40,7 +39,6 @@ class FigureData:
     main: tuple[SteadyState, ...]
     main_views: tuple[MomentView, ...]
     on_progress: OnProgress
-    settings: ReportSettings = REPORT_SETTINGS
 
     @property
     def loaded(self) -> tuple[FittedRun, ...]:

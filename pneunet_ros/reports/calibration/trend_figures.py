@@ -18,7 +18,6 @@ from pneunet_ros.reports.paper_views.linearity import (
     Linearity,
 )
 from pneunet_ros.reports.paper_views.sensitivity import FACTORS, Variation, variations
-from pneunet_ros.reports.settings import ReportSettings
 from pneunet_ros.reports.style import (
     as_shapes,
     draw_dots,
@@ -28,6 +27,8 @@ from pneunet_ros.reports.style import (
     panels,
     same_height,
 )
+
+SIGNIFICANT = 3.0  # standard errors, by convention
 
 PAPER_PRESSURE = 24_200.0  # Pa, of Figure 10
 MARKERS = ('v', 's', '^', 'o')  # of the four places, as in the paper
@@ -122,11 +123,11 @@ def linearity(data: FigureData) -> Picture | None:
         legend(panel, loc='best')
     caption = (
         'Points with 2 sigma at four places of the arm, and straight lines through them. '
-        f'kappa0: {verdict(free, data.settings)}'
+        f'kappa0: {verdict(free)}'
     )
     if loaded:
         caption += (
-            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded, data.settings)} The load '
+            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded)} The load '
             'changes with pressure as in the recording, so these points need not lie on a '
             'straight line.'
         )
@@ -160,7 +161,7 @@ def draw_lines(axes: Axes, lines: Sequence[Linearity]) -> None:
         )
 
 
-def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
+def verdict(lines: Sequence[Linearity]) -> str:
     """Describe the departure of the values from a straight line."""
     if not lines:
         return 'too few pressures for a straight line.'
@@ -172,6 +173,6 @@ def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
         f's / l = {worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):z.0f} kPa: '
         f'{worst.sigmas:.1f} standard errors'
     )
-    if worst.sigmas > settings.linearity_sigmas:
+    if worst.sigmas > SIGNIFICANT:
         return f'{departed}; these recordings show that it is not exactly linear.'
     return f'{departed}; the values are consistent with a straight line.'

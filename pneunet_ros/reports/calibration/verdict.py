@@ -19,6 +19,8 @@ from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.solver.columns import THETA
 
+BELOW_NOISE = 0.7  # times the noise: residuals show that it was overestimated
+
 SECTIONS = ('near the clamp', 'beyond l1')
 
 
@@ -108,7 +110,7 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
         )
     if times <= settings.as_noise:
         larger = larger_under_load(fit)
-        if larger <= settings.hidden_under_load and times < settings.below_noise:
+        if larger <= settings.hidden_under_load and times < BELOW_NOISE:
             return Note(
                 f'The model fits: {size}, better than the assumed noise ({times:.2g} times it). '
                 'Standard errors that rest on that noise are too large.',

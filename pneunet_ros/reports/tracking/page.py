@@ -24,13 +24,14 @@ from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.estimation.shape_error import Centerlines, median_period
 from pneunet_ros.reports.figure import render_page
-from pneunet_ros.reports.settings import REPORT_SETTINGS
 from pneunet_ros.reports.tracking.preview import Preview
 from pneunet_ros.vision.overlay import curve_in_image, headline
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import scipy
+
+FOLLOWS = 0.99  # share of tracked frames from which a tracker is reported to follow
 
 TEMPLATE = 'tracking_report.html.jinja'
 SCRIPT = 'scrub.js'
@@ -192,7 +193,7 @@ class TrackingPage:
 
     @property
     def _good(self) -> bool:
-        return self._explained >= REPORT_SETTINGS.tracked_share * max(self._moving, 1)
+        return self._explained >= FOLLOWS * max(self._moving, 1)
 
     def _verdict(self) -> str:
         if not self._count:
