@@ -389,9 +389,8 @@ def failing(fault: str, wrench: bool) -> Figures:
     return fused(f'{fault}{", force sensor" if wrench else ""}', rows, said)
 
 
+PUSHES = (('push', False), ('push', True))
 FAULTS = (
-    ('push', False),
-    ('push', True),
     ('force sensor hangs', True),
     ('force sensor off', True),
     ('pressure hangs', False),
@@ -401,8 +400,13 @@ FAULTS = (
 )
 
 
+def pushes() -> Figures:
+    """Fuse recordings of a rig that something pushes, with and without a force sensor."""
+    return {key: value for fault in PUSHES for key, value in failing(*fault).items()}
+
+
 def failures() -> Figures:
-    """Fuse recordings of a rig in which a sensor fails, or something pushes the arm."""
+    """Fuse recordings of a rig in which a sensor fails."""
     return {key: value for fault in FAULTS for key, value in failing(*fault).items()}
 
 
@@ -430,6 +434,61 @@ def calibrations() -> Figures:
             words = ('--unloaded', free, '--loaded', loaded, '--output', f'{folder}/m.yaml')
             found |= named(name, verb('calibrate', *words))
     return found
+
+
+def doubtful() -> Figures:
+    """Calibrate from few targets, arms that the model lacks, and recordings that disagree."""
+    from pneunet_ros.effects.hysteresis import Hysteresis
+    from support.example_arms import paper_arm
+    from support.made_datasets import experiments, made, USUAL
+
+    arm, frames = paper_arm(), 24
+    arm = replace(arm, covariance=None, sensors=USUAL)
+    free, loaded = experiments(arm, USUAL, frames=frames)
+    places = arm.length * np.array([0.0, 0.35, 0.7, 1.0])
+    few = replace(
+        arm,
+        target_arclength=places,
+        sensors=replace(USUAL, placement_std=0.0, registration_std=0.0, drift_std=0.0),
+    )
+    pulls = np.column_stack([np.linspace(0.05, 0.2, 30), np.linspace(0.0, 0.1, 30)])
+    off = replace(loaded[1], y=1.06 * loaded[1].y)
+    y = loaded[1].y.copy()
+    y[5] += 4e-3
+    slack = paper_arm((Hysteresis(width=3e3),))
+    cases: dict[str, Any] = {
+        'few targets': (
+            [made(few, np.repeat(np.linspace(0.0, 6e4, 5), 6), noise=USUAL)],
+            [made(few, np.full(30, 3e4), pulls, noise=USUAL, seed=1)],
+            few,
+        ),
+        'a recording off': (free, [loaded[0], off, loaded[2]], arm),
+        'frames off': (free, [loaded[0], replace(loaded[1], y=y), loaded[2]], arm),
+        'play': (*experiments(slack, USUAL, frames=frames), arm),
+        'one stiffness': (free, loaded, arm, 'linear'),
+    }
+    return {
+        key: value
+        for name, case in cases.items()
+        for key, value in named(f'{name}:', calibrated(*case)).items()
+    }
+
+
+def calibrated(free: Any, loaded: Any, arm: Any, kind: str | None = None) -> Figures:
+    """Return what a calibration from made recordings comes to, or why it is refused."""
+    from pneunet_ros.calibration.calibration import calibrate
+
+    try:
+        found = calibrate(free, loaded, arm, kind=kind, compare=False)
+    except PneunetError as error:
+        return {'refused': str(error.reason)}
+    figures: Figures = {f'note {one.reason}': 'there' for one in found.notes}
+    columns = found.arm.covariance.columns() if found.arm.covariance is not None else ()
+    sizes = [abs(size) for column in columns for size in column.values()]
+    for pressure in (0.0, 3e4, 6e4):
+        tip = solve(found.arm, pressure=pressure, force=(0.1, 0.05)).tip
+        figures |= {f'{pressure:g} tip.{axis}': float(v) for axis, v in enumerate(tip)}
+    return figures | {'covariance': float(np.sum(sizes)), 'columns': float(len(columns))}
 
 
 TRIALS = (('nothing', 1_000_003), ('single', 1_000_004), ('outside', 1_000_001))
@@ -624,9 +683,9 @@ FIGURES: dict[str, tuple[Callable[[], Figures], ...]] = {
     'solver': (shapes,),
     'model': (shapes,),
     'estimation': (replays,),
-    'fusion': (failures, fusions, fused_file),
+    'fusion': (pushes, failures, fusions, fused_file),
     'measurement': (checks, calibrations),
-    'calibration': (calibrations,),
+    'calibration': (calibrations, doubtful),
     'reports': (calibrations,),
     'diagnosis': (diagnoses,),
     'discovery': (diagnoses,),
@@ -642,8 +701,8 @@ FIGURES_OF: dict[str, tuple[Callable[[], Figures], ...]] = {
 }
 FIGURES_OF |= dict.fromkeys(
     ('Camera', 'Push', 'ModelDiscrepancy', 'PressureError', 'ForceSensor', 'TipForce',
-     'SizedBlock', 'ModelColumns', 'Tilt', 'BetweenReadingsSettings'),
-    (failures, fusions, fused_file),
+     'SizedBlock', 'ModelColumns', 'Tilt'),
+    (pushes, failures, fusions, fused_file),
 )  # fmt: skip
 
 
@@ -697,10 +756,14 @@ def sizes_of(figures: Figures) -> dict[str, float]:
     return sizes
 
 
-def swept(number: Number, befores: dict[Callable[[], Figures], Figures]) -> list[str]:
+def swept(
+    number: Number,
+    sets: tuple[Callable[[], Figures], ...],
+    befores: dict[Callable[[], Figures], Figures],
+) -> list[str]:
     """Return the row of a number: what moves where it is halved, and where it is doubled.
 
-    befores: the figures as they are, of each set that is asked.
+    sets: of figures, asked one after the other until one moves; befores: the figures as they are.
     """
     row = [number.room, str(number), repr(number.default)]
     for factor in (0.5, 2.0):
@@ -708,9 +771,11 @@ def swept(number: Number, befores: dict[Callable[[], Figures], Figures]) -> list
         if value is None:
             row.append('not a number')
             continue
-        for figures, before in befores.items():
+        for figures in sets:
+            if figures not in befores:
+                befores[figures] = baseline(figures)
             with changed(number, value):
-                told = moved(before, attempted(figures))
+                told = moved(befores[figures], attempted(figures))
             if not told.startswith('nothing'):
                 break
         row.append(told)
@@ -734,10 +799,7 @@ def main(words: list[str] | None = None) -> int:
     befores: dict[Any, Figures] = {}
     for number in numbers:
         sets = FIGURES_OF.get(number.owner.__name__, FIGURES[number.room])
-        for figures in sets:
-            if figures not in befores:
-                befores[figures] = baseline(figures)
-        row = swept(number, {figures: befores[figures] for figures in sets})
+        row = swept(number, sets, befores)
         kept[row[0], row[1]] = row
         print(*row, sep=' | ', file=sys.stderr, flush=True)
         write(asked.output, list(kept.values()))
