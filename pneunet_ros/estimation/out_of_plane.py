@@ -37,8 +37,8 @@ class OutOfPlane:
         """Return the warning with value and limit."""
         unit = 'N' if self.component == 'Fz' else 'N m'
         return (
-            f'{self.component} of the end wrench is {self.value:.3g} {unit}out of the plane of '
-            f'the model, more than three times the limit of {self.limit:.3g} {unit} '
+            f'{self.component} of the end wrench is {self.value:.3g} {unit} out of the plane '
+            f'of the model, more than three times the limit of {self.limit:.3g} {unit} '
             '(out_of_plane_limit)'
         )
 

@@ -356,9 +356,11 @@ def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float
     readings, columns = frame.tip_errors[:READINGS], frame.tip_errors[READINGS:]
     offset = step @ columns
     spread = readings.T @ readings + columns.T @ covariance @ columns
-    stated = np.linalg.inv(frame.tip_covariance)
+    stated = np.linalg.inv(frame.tip_covariance + SMALLEST_STD**2 * np.eye(2))
     shared = stated @ spread
     mean = offset @ stated @ offset + np.trace(shared)
     variance = 2.0 * np.trace(shared @ shared) + 4.0 * offset @ shared @ stated @ offset
+    if variance <= 0.0:  # nothing moves the tip, or by so little that its square is nothing
+        return float(offset @ offset), float(mean > LARGEST_95)
     outside = scipy.special.gammaincc(mean**2 / variance, LARGEST_95 * mean / variance)
     return float(offset @ offset), float(outside)

@@ -13,6 +13,8 @@ from pneunet_ros.estimation.persistent_errors import (
     PERSISTENCE,
     persistent_errors,
     PersistentErrors,
+    READINGS,
+    tip_off,
 )
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
@@ -203,3 +205,15 @@ def test_frames_are_kept_evenly_however_long_a_recording_is():
     assert set(steps.tolist()) == {kept.stride}
     assert kept.frames[0].stamp_ns == 1
     assert kept.count == 5000
+
+
+@pytest.mark.parametrize('size', [0.0, 1e-3])
+def test_a_tip_without_stated_errors_is_outside_of_them_where_anything_moves_it(size):
+    frame = drawn(1, count=1)[0]
+    still = np.zeros_like(frame.tip_errors)
+    still[READINGS:, 0] = size
+    exact = replace(frame, tip_errors=still, tip_covariance=np.zeros((2, 2)))
+    columns = len(still) - READINGS
+    square, outside = tip_off(exact, np.ones(columns), np.zeros((columns, columns)))
+    assert square == pytest.approx((columns * size) ** 2)
+    assert outside == float(size > 0.0)

@@ -33,3 +33,10 @@ def test_little_is_said_of_little():
     few = [white_std(read(resting, 8, 0.02, seed)) for seed in range(200)]
     assert np.median(few) == pytest.approx(STD, rel=0.3)
     assert white_std(np.zeros((60, 2))) == 0.0
+
+
+@pytest.mark.parametrize('axis', [0, 1])
+def test_an_axis_that_is_not_measured_does_not_hide_the_noise_of_the_other(axis):
+    readings = read(np.zeros_like, 60, 0.02)
+    readings[:, axis] = 0.0
+    assert white_std(readings) == pytest.approx(STD, rel=0.3)

@@ -22,12 +22,12 @@ REPEATS = (
 def white_std(readings: Array) -> float:
     """Return an upper limit on one sigma of white noise of successive readings (n, k).
 
-    It is a median of differences, so that jumps do not count; 0 if there are too few readings, or
-    if they often repeat (a frozen or coarsely quantized sensor).
+    It is a median of differences, so that jumps do not count; 0 if there are too few readings.
+    Columns that often repeat do not count (an axis that is not measured, a frozen or coarsely
+    quantized sensor).
     """
-    same = np.count_nonzero(readings[1:, 0] == readings[:-1, 0])
-    if same > REPEATS * len(readings):
-        return 0.0
+    same = np.count_nonzero(readings[1:] == readings[:-1], axis=0)
+    readings = readings[:, same <= REPEATS * len(readings)]
     found, before = [], 0
     for order in ORDERS:
         for _ in range(order - before):
