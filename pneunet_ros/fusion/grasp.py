@@ -25,6 +25,7 @@ from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 
 FEWEST = 2  # fewest arms that can hold an object
+PARALLEL = 1e-9  # of a unit vector: a component that rounding leaves of zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,7 +111,7 @@ class SeenArm:
 
     def is_pushed(self, side: Array) -> bool:
         """Whether something pushes the tip against a unit vector (2,)."""
-        known = side != 0.0
+        known = np.abs(side) > PARALLEL  # of an axis across the push the force may be unknown
         force, covariance = self.fused.force[known], self.fused.force_covariance
         push = -float(side[known] @ force)
         variance = float(side[known] @ covariance[np.ix_(known, known)] @ side[known])
@@ -122,7 +123,9 @@ def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
     belief = state.belief
     if belief is None or not belief.frames:
         return None
-    instant = fusion.pressure_at(state, belief.stamp_ns)
+    instant, unknown = fusion.instant_shown(state, belief.stamp_ns)
+    if unknown is not None:
+        return None
     wrench = fusion.wrench_at(state, belief.stamp_ns, with_targets=True)
     _, fused = estimate_at(fusion.model, state, instant, wrench, Mode.FUSED, [])
     if not isinstance(fused, FusedEstimate):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -197,3 +198,13 @@ def test_a_width_is_reached_to_a_tolerance(free):
     assert is_reached(grasp, command, 1e-3) and not is_reached(grasp, command, 1e-4)
     with pytest.raises(RequestError):
         GripCommand(width=math.nan, force=0.1)
+
+
+@pytest.mark.parametrize('angles', [(0.0, 0.0, 0.3), (0.1, 0.2, 0.3), (0.0, 0.5 * math.pi, 1.2)])
+def test_a_push_is_felt_where_the_force_along_the_arm_is_unknown(angles, pushed):
+    """Rounding leaves 1e-17 of the component that is across the push."""
+    fused = replace(pushed[0][1].fused, force=np.array([np.nan, -PUSH]))
+    axes = mount_of([0.0, 0.0, 0.0, *angles], THICKNESS).axes
+    side = axes[:, :2].T @ axes[:, 1]
+    assert 0.0 < abs(side[0]) < 1e-9
+    assert replace(pushed[0][1], fused=fused).is_pushed(side)
