@@ -208,6 +208,6 @@ class GravitySource:
     def stale(self, what: str, age: float) -> str:
         """Report that a reading is too old."""
         return (
-            f'{what} is {age:.3g} s away from the pressure, more than gravity_timeout = '
+            f'{what} is {age:.3g} s away from the reading, more than gravity_timeout = '
             f'{self.settings.gravity_timeout:.3g} s'
         )

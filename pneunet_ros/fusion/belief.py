@@ -79,8 +79,12 @@ def first_belief(
 
 
 def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Reset to the prior, but keep the tip force and the shape as the start of the search."""
-    first, force = first_belief(unknowns, belief.stamp_ns, belief.causes), unknowns.at(TipForce)
+    """Reset to the prior, but keep the tip force and the shape as the start of the search.
+
+    Causes that only widen a prior end with it.
+    """
+    causes, force = belief.causes & LASTING, unknowns.at(TipForce)
+    first = first_belief(unknowns, belief.stamp_ns, causes)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]
     return replace(
@@ -95,7 +99,7 @@ def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
 def with_outlier_targets(
     unknowns: Unknowns, settings: FusionSettings, belief: Belief, outliers: npt.NDArray[np.intp]
 ) -> Belief:
-    """Widen the positions of targets that their gate rejected, because they have moved."""
+    """Forget the positions of targets that their gate rejected, because they have moved."""
     where = unknowns.at(Placement).start + unknowns.block(Placement).of_dots(outliers)
     return forget(belief, where, math.sqrt(settings.target_gate) * unknowns.std[where])
 

@@ -12,7 +12,7 @@ from pneunet_ros.core.outcome import Refusal, refuse
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane
-from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR
+from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR, PRESSURE
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.causes import CAMERA, CAUSES
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
@@ -322,6 +322,11 @@ def shape_estimate(
     else:
         seen = seen_shape(model, causes @ arm.unseen, sensitivity)
         errors = propagate_errors(sensitivity, noise, model.arclength, seen)
+    shape, motion = bent.shape, None
+    if arm.swinging is not None and errors is not None:
+        shape = arm.swinging.swing_deviation.shape(shape)
+        errors = arm.swinging.errors(causes, sensitivity, errors)
+        motion = arm.swinging.motion(errors)
     largest, within_limit = math.inf, mode is not Mode.PREDICTION
     if errors is not None and not within_limit:
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
@@ -338,11 +343,6 @@ def shape_estimate(
             + (': no target was visible recently' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
         )
-    shape, motion = bent.shape, None
-    if arm.swinging is not None:
-        shape = arm.swinging.swing_deviation.shape(shape)
-        errors = arm.swinging.errors(causes, sensitivity, errors)
-        motion = arm.swinging.motion(errors)
     return estimate_of(
         stamp_ns=stamp_ns,
         shape=shape,
@@ -360,6 +360,8 @@ def shape_estimate(
 def other_shape(model: PreparedModel, other: Belief, instant: PressureInstant) -> Shape | None:
     """Return the shape for another belief at a pressure; None if there is none."""
     model = model.of(other.causes)
+    if PRESSURE in other.causes:
+        instant = model.unread(instant)
     inputs = model.inputs_at(instant, None)
     causes = model.unknowns.causes_at(inputs)
     bent = bent_at(model, other, inputs, causes, other.solution)
@@ -373,7 +375,8 @@ def other_shape(model: PreparedModel, other: Belief, instant: PressureInstant) -
 
 def shape_in_place(model: PreparedModel, shape: Shape, belief: Belief) -> Shape:
     """Return the shape that follows if the camera, which seems to have moved, has not moved."""
-    x, y, turn = belief.mean[model.unknowns.at(Camera)][Camera.PLACE.start :].tolist()
+    moved = belief.mean[model.unknowns.at(Camera)] - model.unknowns.block(Camera).prior.mean
+    x, y, turn = moved[Camera.PLACE.start :].tolist()
     there = np.array([x, y])
     x, y = np.stack(rotate(turn, shape.x, shape.y)) + there[:, None]
     return replace(shape, x=freeze(x), y=freeze(y), theta=freeze(shape.theta + turn))

@@ -25,7 +25,7 @@ from pneunet_ros.fusion.belief import (
     reset_to_prior,
 )
 from pneunet_ros.fusion.contact import differs_from_zero, find_contacts, without_contact
-from pneunet_ros.fusion.frame_update import excess, force_at, misfits, with_fit
+from pneunet_ros.fusion.frame_update import excess, force_at, FrameUpdate, misfits, with_fit
 from pneunet_ros.fusion.hypothesis_update import (
     HypothesisUpdate,
     update_with_likeliest_walk,
@@ -126,8 +126,10 @@ class ContactCause(Cause):
                 return
             updated, fit, before = free, free.update.fit, free.before
         seen = int(np.count_nonzero(updated.problem.used))
+        read = frame.wrench is not None
         for found in find_contacts(updated.problem, fit[1], unexplained=misfits(fit)):
-            update = with_fit(updated.update, found, found, seen)
+            begun = FrameUpdate(belief=None, unchecked=None if read else found, settled=read)
+            update = with_fit(begun, found, found, seen)
             with_contact = HypothesisUpdate(
                 frame=frame, before=before, problem=updated.problem, update=update
             )
@@ -340,7 +342,7 @@ class MirroredCause(Cause):
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the arm is bent enough to show it.
+        """Return whether the frame can show it.
 
         False for an arm that swings with a model of unknown error: far from its predicted shape,
         an arm may be on either side.

@@ -203,7 +203,7 @@ def find_contacts(
     prior = with_any_contact(problem.unknowns, problem.prior)
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
-    seen = problem.used.size
+    seen = int(np.count_nonzero(problem.used))
     # Beyond this the problem is not linear, and a std of the force is meaningless.
     predicted_gain = 2.0 * float(scores.gain.max())
 

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import median
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.outcome import Refusal, refuse
+from pneunet_ros.core.outcome import drop, Refusal, refuse
 from pneunet_ros.core.readings import (
     BaseReading,
     PressureReading,
@@ -151,9 +151,7 @@ class Fusion:
         """Store an end wrench in the base frame."""
         sentence = wrong_frame(self.sensors, reading)
         if sentence:
-            refusal = Refusal(
-                stamp_ns=reading.stamp_ns, reason='wrong_frame', sentence=sentence, error=False
-            )
+            refusal = drop(reading.stamp_ns, 'wrong_frame', sentence)
             return state.count_rejected(refusal.reason), refusal
         wrench = base_wrench(self.sensors, reading)
         step, before = state.force.step, state.force.kept
@@ -174,7 +172,7 @@ class Fusion:
         readings = state.readings.watch_pressure(reading, self.arm, self.sensors)
         state = replace(state, readings=readings)
         gravity, unknown = self.gravity.at(readings.gravity, reading.stamp_ns)
-        refusal = readings.watch.refusal(reading.stamp_ns) or unknown
+        refusal = readings.watch.refusal(reading.stamp_ns)
         if refusal is not None:
             readings = readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
@@ -197,9 +195,11 @@ class Fusion:
         )
         for sightings in ready:
             state = self.use_frame(state, sightings)
+        state = self.with_pressure(state)
         if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
-        state = self.with_pressure(state)
+        if unknown is not None:
+            return state.count_rejected(unknown.reason), unknown
         age = state.target_age(instant.stamp_ns)
         late = age is None or age > self.settings.target_timeout
         clock_notes = self.ahead_notes(state)
@@ -214,12 +214,7 @@ class Fusion:
         self, state: FusionState, reading: PressureReading
     ) -> tuple[FusionState, Refusal]:
         """Reject the reading of a faulty sensor."""
-        refusal = Refusal(
-            stamp_ns=reading.stamp_ns,
-            reason='pressure_off',
-            sentence=PressureCause.sentence,
-            error=False,
-        )
+        refusal = drop(reading.stamp_ns, 'pressure_off', PressureCause.sentence)
         state = replace(state, readings=state.readings.with_impossible(reading.stamp_ns))
         return state.count_rejected(refusal.reason), refusal
 
@@ -250,7 +245,8 @@ class Fusion:
         if history is None:
             history = self.arm.initial_history(sensed)
         history, chamber = self.arm.actuate(history, elapsed, sensed)
-        last = state.pressures[-1] if state.pressures else None
+        earlier = bisect_left(state.pressures, reading.stamp_ns, key=stamp_of)
+        last = state.pressures[earlier - 1] if earlier else None  # not one stamped ahead
         step = math.inf if last is None else smallest_change(last.step, gauge - last.gauge)
         if reading.variance > 0.0:
             std = self.sensors.pressure.size * math.sqrt(reading.variance)
@@ -280,9 +276,9 @@ class Fusion:
         if reason == RESTARTED:
             state = state.without_frames()
         elif reason == AHEAD:
-            state = state.without_frames_after(stamp_ns)
+            state = state.without_frames_after(stamp_ns, self.model.shown_ns(sightings))
         elif reason:
-            refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
+            refusal = drop(stamp_ns, reason, sentence)
             return state.count_unused(reason), refusal
         state = replace(state, frame_stamps=state.frame_stamps.after(stamp_ns))
         shown_ns = self.model.shown_ns(sightings)
@@ -308,10 +304,18 @@ class Fusion:
         for earlier in (*waiting, sightings):
             state = self.use_frame(state, earlier)
         belief, shown_ns = state.belief, self.model.shown_ns(sightings)
-        if belief is None or belief.stamp_ns != shown_ns:
-            return state, None
-        instant = replace(self.pressure_at(state, shown_ns), std=0.0)
-        return self.publish(state, instant, Mode.CAMERA_ONLY, [])
+        instant, unknown = self.instant_shown(state, shown_ns)
+        if unknown is not None or belief is None or belief.stamp_ns != shown_ns:
+            return state, unknown
+        return self.publish(state, replace(instant, std=0.0), Mode.CAMERA_ONLY, [])
+
+    def instant_shown(
+        self, state: FusionState, shown_ns: int
+    ) -> tuple[PressureInstant, Refusal | None]:
+        """Return pressure and gravity when a frame was taken, or why gravity is unknown."""
+        instant = self.pressure_at(state, shown_ns)
+        gravity, unknown = self.gravity.at(state.readings.gravity, shown_ns)
+        return (instant if instant.gravity else replace(instant, gravity=gravity)), unknown
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
         """Whether the last pressure reading is too old at a stamp."""
@@ -324,7 +328,7 @@ class Fusion:
         """
         known = state.pressures
         if not known:
-            return self.model.unread(stamp_ns)
+            return self.model.unread_at(stamp_ns)
         after = bisect_left(known, stamp_ns, key=stamp_of)
         if after in (0, len(known)):
             return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
@@ -459,11 +463,16 @@ class Fusion:
 
     def with_pressure(self, state: FusionState) -> FusionState:
         """Return the state after the pressure is available again."""
-        if state.belief is None or not state.belief.unpressed:
+        if state.belief is None or not state.belief.unpressed or PRESSURE in state.causes:
             return state
         state = self.weigh_pending(state)  # if the pressure of a frame had not been read
+        if PRESSURE in state.causes:
+            return state
         bank = tuple(
-            replace(one, belief=self.with_pressure_read(state, one.belief)) for one in state.bank
+            one
+            if PRESSURE in one.belief.causes
+            else replace(one, belief=self.with_pressure_read(state, one.belief))
+            for one in state.bank
         )
         return replace(state, bank=bank)
 
@@ -515,11 +524,14 @@ class Fusion:
         before = state.belief or first_belief(unknowns, shown_ns, state.lasting)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
+        instant, unknown = self.instant_shown(state, shown_ns)
+        if unknown is not None:
+            return state.count_unused(unknown.reason)
         before, state = self.with_force_noise(before, state)
-        frame = self.read_frame(state, sightings)
-        seen = state.seen
-        if seen is None or not seen.is_same(sightings):
-            seen = SeenFrame(x=sightings.x, y=sightings.y, chamber=frame.instant.chamber)
+        frame = self.read_frame(state, sightings, instant)
+        seen, chamber = state.seen, math.nan if frame.alone else instant.chamber
+        if seen is None or not seen.is_same(sightings) or math.isnan(seen.chamber):
+            seen = SeenFrame(x=sightings.x, y=sightings.y, chamber=chamber)
         elif is_copy(self.model, seen, frame):
             return state.count_unused('repeated')
         state = replace(state, seen=seen)
@@ -534,17 +546,21 @@ class Fusion:
             return self.with_nis(state, updated).count_unused(updated.update.reason, lost=1)
         return self.after_frame(self.with_updated_hypotheses(state, bank, updated), updated)
 
-    def read_frame(self, state: FusionState, sightings: TargetSightings) -> ReadFrame:
-        """Return a frame with the sensor readings at the time it was taken."""
+    def read_frame(
+        self, state: FusionState, sightings: TargetSightings, instant: PressureInstant
+    ) -> ReadFrame:
+        """Return a frame with the sensor readings at the time when it was taken, an instant."""
         shown_ns = self.model.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
         turn = not state.counts.frames % self.settings.still_frames
         return ReadFrame(
             stamp_ns=shown_ns,
             sightings=sightings,
-            instant=self.pressure_at(state, shown_ns),
+            instant=instant,
             alone=not state.pressures
             or state.pressures[-1].stamp_ns < shown_ns  # no pressure arrived in time
+            # Earlier readings are no longer kept, so the pressure of then is unknown.
+            or (len(state.pressures) == PRESSURES_KEPT and shown_ns < state.pressures[0].stamp_ns)
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=wrench,

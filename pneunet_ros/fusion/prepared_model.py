@@ -157,7 +157,11 @@ class PreparedModel:
         """Return the change of F1, F2, M, pressure by one sigma of each column, (columns, 4)."""
         return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE_ROW + 1]
 
-    def unread(self, stamp_ns: int) -> PressureInstant:
+    def unread(self, instant: PressureInstant) -> PressureInstant:
+        """Return an instant as if its pressure had not been read: in the middle of the range."""
+        return replace(self.unread_at(instant.stamp_ns), gravity=instant.gravity)
+
+    def unread_at(self, stamp_ns: int) -> PressureInstant:
         """Return the default for an unread pressure: the middle of the range."""
         middle = 0.5 * sum(self.arm.pressure_range)
         return PressureInstant(
@@ -174,7 +178,7 @@ class PreparedModel:
         if FORCE_SENSOR in causes:
             frame = frame.without_wrench()
         if PRESSURE in causes and not frame.alone:
-            frame = frame.without_pressure(self.unread(frame.stamp_ns))
+            frame = frame.without_pressure(self.unread(frame.instant))
         if MIRRORED in causes:
             frame = frame.mirrored()
         return frame

@@ -36,7 +36,10 @@ class PressureInstant:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenFrame:
-    """The first frame with these target positions (targets,) m, and its chamber pressure (Pa)."""
+    """The first frame with these target positions (targets,) m, and its chamber pressure (Pa).
+
+    chamber: NaN if the pressure was not read.
+    """
 
     x: Array
     y: Array

@@ -104,7 +104,7 @@ class FusionSettings:
         unit='sigma',
     )
     largest_tip_std: float = tuning(
-        3e-3, 'std of the tip above which no estimate is published', unit='m'
+        3e-3, 'std of the tip above which no prediction is published', unit='m'
     )
     free_tip: bool = tuning(False, 'no load ever acts at the tip: no force sensor is needed')
     odds_against: float = tuning(

@@ -187,11 +187,14 @@ class FusionState:
             lasting=self.lasting,
         )
 
-    def without_frames_after(self, stamp_ns: int) -> FusionState:
-        """Forget a frame stamped ahead of its time, or only its stamp if the frame was used."""
+    def without_frames_after(self, stamp_ns: int, shown_ns: int) -> FusionState:
+        """Forget a frame stamped ahead of its time, or its stamp if it was used.
+
+        stamp_ns, shown_ns: of the frame that shows this, and when it was taken.
+        """
         waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
         bank = tuple(
-            replace(one, belief=replace(one.belief, stamp_ns=min(one.belief.stamp_ns, stamp_ns)))
+            replace(one, belief=replace(one.belief, stamp_ns=min(one.belief.stamp_ns, shown_ns)))
             for one in self.bank
         )
         return replace(self, waiting=waiting, bank=bank).count_unused(AHEAD)

@@ -8,6 +8,7 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import PressureReading, TargetSightings
 from pneunet_ros.core.share import share_path
+from pneunet_ros.fusion.belief import first_belief
 from pneunet_ros.fusion.belief_estimate import holding, shape_in_place
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
@@ -15,6 +16,7 @@ from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.bank import Hypothesis
+from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 
 PRESSURE, STEP_NS, FRAMES = 40e3, 33_000_000, 4
@@ -120,3 +122,21 @@ def test_a_force_that_is_not_determined_is_not_said(fusion, known):
     found = estimated(fusion, replace(known, bank=(Hypothesis(belief=vague),)))
     assert np.isnan(found.force).tolist() == [True, False]
     assert np.isnan(found.force_covariance).tolist() == [[True, True], [True, False]]
+
+
+def test_a_camera_that_is_where_the_calibration_found_it_sees_the_same_shape(fusion):
+    covariance = fusion.arm.covariance
+    dots = 2 * fusion.arm.target_arclength.size
+    placement = PlacementKnown(
+        mean=np.zeros(dots),
+        std=np.full(dots, 5e-6),
+        factor=np.zeros((dots, 1)),
+        origin=(0.0, 1e-3),
+    )
+    if covariance is None:
+        covariance = ModelCovariance(quantities=('moment_law.rigidity.0.0',), factor=[[1e-6]])
+    covariance = replace(covariance, placement=placement)
+    beside = Fusion(arm=replace(fusion.arm, covariance=covariance))
+    shape = solve(fusion.arm, PRESSURE)
+    seen = shape_in_place(beside.model, shape, first_belief(beside.model.unknowns, 0))
+    assert (seen.x.tolist(), seen.y.tolist()) == (shape.x.tolist(), shape.y.tolist())

@@ -55,7 +55,7 @@ class NodeSettings:
     largest_tip_std: float = quantity(
         FUSION.largest_tip_std,
         unit='m',
-        meaning='standard deviation of the tip above which no estimate is published',
+        meaning='standard deviation of the tip above which no prediction is published',
         bounds=(1e-5, 1.0),
     )
     determined: float = quantity(
