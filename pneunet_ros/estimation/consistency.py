@@ -20,7 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import AHEAD, count_reason, match_stamps, RESTARTED, StampGate
@@ -312,9 +312,7 @@ def take_targets(
     elif reason == AHEAD:
         state = state.without_frames_after(sightings.stamp_ns)
     elif reason:
-        refusal = Refusal(
-            stamp_ns=sightings.stamp_ns, reason=reason, sentence=sentence, error=False
-        )
+        refusal = drop(sightings.stamp_ns, reason, sentence)
         return state.count_unmatched(reason), refusal
     state = replace(state, frame_stamps=state.frame_stamps.after(sightings.stamp_ns))
     if not sightings.seen:

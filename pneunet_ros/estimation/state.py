@@ -8,7 +8,7 @@ import math
 from types import MappingProxyType
 
 from pneunet_ros.core.arrays import LARGEST
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, BACKWARD_JUMP, count_reason, RESTARTED, stamp_fault
 from pneunet_ros.core.units import seconds_between
@@ -166,7 +166,7 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
             return state.fresh(), None, sentence
         return resumed, None, f'a {what} reading was stamped ahead of its time: left out'
     if reason:
-        refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
+        refusal = drop(stamp_ns, reason, sentence)
         return state, refusal, ''
     if isinstance(reading, PressureReading):
         gap = last is not None and seconds_between(last, stamp_ns) > BACKWARD_JUMP

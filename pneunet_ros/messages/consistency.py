@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.estimation.consistency import ConsistencyState, take_targets
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.messages.builders import UNREADABLE
@@ -25,6 +25,6 @@ def take_targets_message(
     try:
         sightings = decode_targets(message, estimator.settings.frame_id, targets)
     except MessageError as error:
-        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+        refusal = drop(0, UNREADABLE, str(error))
         return state.count_unmatched(UNREADABLE), refusal
     return take_targets(state, estimator, sightings)

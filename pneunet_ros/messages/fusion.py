@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Event, Fusion
@@ -156,7 +156,7 @@ def fuse_message(
         else:
             event = sensor.decode(message)
     except MessageError as error:
-        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+        refusal = drop(0, UNREADABLE, str(error))
         if sensor is TARGETS:
             return state.count_unused(UNREADABLE), refusal
         return state.count_rejected(UNREADABLE), refusal

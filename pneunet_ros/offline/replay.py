@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.health import Report
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.estimation.consistency import (
     Agreement,
@@ -130,9 +130,7 @@ def steps(
         try:
             reading = topics[message.topic].decode(message.message)
         except MessageError as error:
-            outcome = Refusal(
-                stamp_ns=message.log_time_ns, reason=UNREADABLE, sentence=str(error), error=False
-            )
+            outcome = drop(message.log_time_ns, UNREADABLE, str(error))
             state = state.count_rejected(UNREADABLE)
         else:
             state, outcome = estimator.step(state, reading)

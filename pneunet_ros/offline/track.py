@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import CameraError, PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.measurement.row_order import first_target_moves, numbered_from_tip
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
@@ -91,12 +91,7 @@ def track_steps(
     for item in stream.read(other_topics):
         outcome: Tracking | Refusal | None = None
         if isinstance(item.reading, PneunetError):
-            outcome = Refusal(
-                stamp_ns=item.log_time_ns,
-                reason=UNREADABLE,
-                sentence=str(item.reading),
-                error=False,
-            )
+            outcome = drop(item.log_time_ns, UNREADABLE, str(item.reading))
             state = state.count_rejected(UNREADABLE)
         elif item.reading is not None:
             state, outcome = tracker.step(state, item.reading)

@@ -263,8 +263,8 @@ def test_a_straight_arm_tells_nothing_of_a_force_along_it():
         if instant >= LATE and not (instant - LATE) % EVERY:
             frame = sightings(recording, instant - LATE)
             if state.belief is not None and truth.time[instant - LATE] > 0.4:
-                instant, _ = by.instant_shown(state, by.model.shown_ns(frame))
-                read = by.read_frame(state, frame, instant)
+                shown, _ = by.instant_shown(state, by.model.shown_ns(frame))
+                read = by.read_frame(state, frame, shown)
                 problem = problem_of(by.model, read, state.belief)
                 bending = known_bending(problem)
                 assert bending is not None

@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.estimation.consistency import ConsistencyState, take_estimate
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.health import EstimatorHealth
@@ -172,7 +172,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         try:
             return sensor.decode(message)
         except MessageError as error:
-            refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+            refusal = drop(0, UNREADABLE, str(error))
             self.state = self.state.count_rejected(UNREADABLE)
             self.health.note_refusal(refusal)
             self.log_refusal(refusal)

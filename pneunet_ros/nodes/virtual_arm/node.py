@@ -17,7 +17,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.health import count_texts, Level, Report, texts
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
@@ -153,7 +153,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def refuse(self, reason: str, sentence: str) -> None:
         """Count a command that has no effect."""
         self.rejected[reason] += 1
-        self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
+        self.log_refusal(drop(0, reason, sentence))
 
     def commanded(self) -> float:
         """Return the target pressure (Pa) of the valve: commanded, or from the automatic cycle."""
