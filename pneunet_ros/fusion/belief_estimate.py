@@ -354,6 +354,7 @@ def shape_estimate(
         position=position,
         wrench_age=wrench_age,
         notes=notes,
+        gravity=arm.inputs.gravity,
     )
 
 

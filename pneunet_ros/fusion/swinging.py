@@ -134,7 +134,6 @@ class SwingingEstimate:
                 columns=np.zeros((2, len(covariance))),
             ),
             at_nodes=freeze(motion.at_nodes),
-            at_joints=freeze(motion.at_joints),
             relative=np.zeros(2),
             left_out=0.0,
             modes=functools.partial(

@@ -97,7 +97,7 @@ class MotionEstimate:
     """Motion of an arm about its equilibrium.
 
     velocity (3,) of the tip, m/s and rad/s. settled: whether the tip is at its equilibrium and
-    will stay there, within its uncertainty. swing, at_nodes, at_joints: see
+    will stay there, within its uncertainty. swing, at_nodes: see
     `solver.swing.follow_swing`; relative (2,): errors of mass and damping; left_out (m):
     truncation error of the tip in each shape. modes of the arm about its equilibrium.
     """
@@ -106,7 +106,6 @@ class MotionEstimate:
     settled: bool
     swing: Swing
     at_nodes: Array
-    at_joints: Array
     relative: Array
     left_out: float
     modes: functools.partial[Modes | None]
@@ -234,7 +233,6 @@ class MovingArm:
             settled=is_settled(along[:2, -1], swinging, covariance),
             swing=swing,
             at_nodes=freeze(moving.at_nodes),
-            at_joints=freeze(moving.at_joints),
             relative=self.relative,
             left_out=left_out,
             modes=functools.partial(modes_of, following.links, self.masses, damping_time, SHAPES),

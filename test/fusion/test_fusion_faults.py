@@ -94,7 +94,8 @@ def test_a_frame_alone_needs_gravity_as_a_pressure_does(fusion):
     # With it, the same frames are estimated alone.
     known = [event for one in frames for event in (imu(one.stamp_ns / MILLISECOND), one)]
     _, outcomes = run(of, *known)
-    assert any(isinstance(one, FusedEstimate) for one in outcomes)
+    found = [one.estimate for one in outcomes if isinstance(one, FusedEstimate)]
+    assert found and all(one.gravity == (-1.0, 0.0) for one in found)
 
 
 def test_without_gravity_the_history_of_the_arm_goes_on(fusion):
