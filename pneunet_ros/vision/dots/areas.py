@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.camera.camera_settings import AdaptiveBand, AreaLimits, GreyBand
 from pneunet_ros.vision.dots.centroid import Integers, Look, outlines
+from pneunet_ros.vision.dots.contour_kernel import fill_moments
 from pneunet_ros.vision.dots.ellipse_fit import ELLIPSE, EllipseSettings
 import scipy
 
@@ -176,7 +176,9 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     if not usable.any():
         return np.empty((0, 6))
     points = np.concatenate(list(itertools.compress(contours, usable.tolist())))
-    table, length = _polygon_moments(points[:, 0], corners[usable])
+    sizes = corners[usable]
+    table, length = np.empty((sizes.size, 6)), np.empty(sizes.size)
+    fill_moments(points[:, 0], sizes, table, length)
     return table[(length >= shortest) & (length <= longest)]
 
 
@@ -229,40 +231,6 @@ def _round_ones(table: Array, appearance: Appearance) -> Array:
         within = (apart < np.sqrt(around / math.pi)) & (-holes[:, 0] < around)
         found = np.delete(found, nearest[within], axis=0)
     return found
-
-
-def _polygon_moments(corners: npt.NDArray[np.int32], sizes: Integers) -> tuple[Array, Array]:
-    """Return area, center u, v and moments uu, uv, vv of the pixels within contours, (n, 6).
-
-    corners: of all contours, one after the other, `sizes` (n,) of each. Areas of holes are
-    negative. The second value is the number of pixels on each contour, (n,).
-    """
-    first = np.cumsum(sizes) - sizes
-    x, y = np.subtract(corners, np.repeat(corners[first], sizes, axis=0), dtype=np.float64).T
-    after = np.arange(len(corners)) + 1
-    after[first + sizes - 1] = first
-    x2, y2 = x[after], y[after]
-    terms = np.empty((8, len(corners)))
-    cross = np.subtract(x2 * y, x * y2, out=terms[0])  # contours of areas turn from +v to +u
-    np.multiply(cross, x + x2, out=terms[1])
-    np.multiply(cross, y + y2, out=terms[2])
-    np.multiply(cross, x * x + x * x2 + x2 * x2, out=terms[3])
-    np.multiply(cross, 2.0 * (x * y + x2 * y2) + x * y2 + x2 * y, out=terms[4])
-    np.multiply(cross, y * y + y * y2 + y2 * y2, out=terms[5])
-    step_x, step_y = np.abs(x2 - x), np.abs(y2 - y)
-    np.hypot(step_x, step_y, out=terms[6])
-    np.maximum(step_x, step_y, out=terms[7])
-    sums = np.add.reduceat(terms, first, axis=1).T
-    area = 0.5 * sums[:, 0]
-    # The contour leads through the middle of pixels: half a pixel is outside of it.
-    outer = 0.5 * sums[:, 6] + 1.0
-    with np.errstate(invalid='ignore', divide='ignore'):
-        center = sums[:, 1:3] / (6.0 * area[:, None])
-        square = sums[:, 3:6] / (np.array([12.0, 24.0, 12.0]) * area[:, None])
-        square -= center[:, [0, 0, 1]] * center[:, [0, 1, 1]]
-        square *= ((area + outer) / area)[:, None]
-    whole = np.where(area > 0.0, area + outer, area + outer - 2.0)
-    return np.column_stack([whole, center + corners[first], square]), sums[:, 7]
 
 
 def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettings) -> Integers:
