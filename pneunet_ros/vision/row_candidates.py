@@ -179,15 +179,15 @@ class RowCandidates:
             starts[:, COST] = costs
             limits = np.full(behind.size, limit)
             others, _ = grow_rows(self.blobs, behind, starts, others, True, self.search, limits, 2)
-            for row, other in zip(rows, others, strict=True):
-                beginning = _to_last_seen(other)[:1:-1]
-                whole = np.append(beginning, _to_last_seen(row))
-                if len(whole) >= targets - 1:
-                    seen = np.flatnonzero(whole >= 0)
-                    places = seen * (arclength[1] - arclength[0])
-                    if not self._even:
-                        places = arclength[first - len(beginning) :][seen]
-                    found[whole.tobytes()] = len(whole), PlacedRow(whole[seen], places)
+            before, last = _last_seen(others) - 1, _last_seen(rows)
+            for number in np.flatnonzero(before + last + 1 >= targets - 1).tolist():
+                beginning = others[number, before[number] + 1 : 1 : -1]
+                whole = np.append(beginning, rows[number, : last[number] + 1])
+                seen = np.flatnonzero(whole >= 0)
+                places = seen * (arclength[1] - arclength[0])
+                if not self._even:
+                    places = arclength[first - len(beginning) :][seen]
+                found[whole.tobytes()] = len(whole), PlacedRow(whole[seen], places)
         complete = any(length >= targets for length, _ in found.values())
         return [row for length, row in found.values() if length >= targets or not complete]
 
@@ -211,9 +211,7 @@ class RowCandidates:
                     self.blobs, ahead, (pairs[0], pairs[1]), self.search, limits, 2 + run
                 )
                 rows, costs = rows[np.isfinite(costs)], costs[np.isfinite(costs)]
-                seen = rows >= 0
-                last = ahead.size - np.argmax(seen[:, ::-1], axis=1)
-                lost = last - np.count_nonzero(seen, axis=1)
+                lost = 1 + _last_seen(rows) - np.count_nonzero(rows >= 0, axis=1)
                 yield first, rows, costs - self.search.missing * lost
 
 
@@ -273,6 +271,6 @@ def blob_columns(
     return BlobColumns(x, y, looks, np.zeros(len(areas)) if costs is None else costs)
 
 
-def _to_last_seen(row: Indices) -> Indices:
-    """Return a row (targets,) up to its last seen target."""
-    return row[: 1 + np.flatnonzero(row >= 0)[-1]]
+def _last_seen(rows: Indices) -> Indices:
+    """Return the last seen target of each row (rows, targets), all of which show some."""
+    return np.asarray(rows.shape[1] - 1 - np.argmax(rows[:, ::-1] >= 0, axis=1))
