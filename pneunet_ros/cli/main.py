@@ -339,15 +339,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except PneunetError as error:
-        return complain(given, str(error), error.reason)
+        return report_error(given, str(error), error.reason)
     except BrokenPipeError:  # the reader of the output has ended, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # not about an input or output: a full /tmp, too many open files
         about = f'{error.filename}: ' if error.filename else ''
-        return complain(given, f'{about}{error.strerror or error}', 'system')
+        return report_error(given, f'{about}{error.strerror or error}', 'system')
     except MemoryError:
-        return complain(given, 'not enough memory', 'memory')
+        return report_error(given, 'not enough memory', 'memory')
 
 
 def prepare_kernels(given: Namespace) -> None:
@@ -372,7 +372,7 @@ def say(given: Namespace, sentence: str) -> None:
         print(f'pneunet {given.verb}: {sentence}', file=sys.stderr)
 
 
-def complain(given: Namespace, sentence: str, reason: str) -> int:
+def report_error(given: Namespace, sentence: str, reason: str) -> int:
     """Print an error as one line on stderr, and with --json as JSON; return the exit code."""
     line = ' '.join(printable(shortened(sentence)).split())
     print(f'pneunet {given.verb}: {line}', file=sys.stderr)

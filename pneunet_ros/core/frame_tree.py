@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from types import MappingProxyType
 
-from pneunet_ros.core.frames import one_after_another, Quaternion, turned_back, UNTURNED
+from pneunet_ros.core.frames import composition, inverse_rotation, Quaternion, UNTURNED
 from pneunet_ros.core.readings import FrameReading
 
 
@@ -45,11 +45,10 @@ class FrameTree:
             return None
         chains = ups[0][: of_frame[shared[0]]], ups[1][: of_other[shared[0]]]
         up, down = (
-            reduce(one_after_another, (one.quaternion for one in chain), UNTURNED)
-            for chain in chains
+            reduce(composition, (one.quaternion for one in chain), UNTURNED) for chain in chains
         )
         moving = [one.stamp_ns for chain in chains for one in chain if not one.fixed]
-        return one_after_another(up, turned_back(down)), min(moving, default=None)
+        return composition(up, inverse_rotation(down)), min(moving, default=None)
 
     def _upwards(self, frame: str) -> list[FrameReading]:
         """Return the transforms from a frame to the root; stops at a cycle."""

@@ -53,7 +53,7 @@ def rotation_matrix(quaternion: Quaternion) -> Array:
     )
 
 
-def one_after_another(first: Quaternion, then: Quaternion) -> Quaternion:
+def composition(first: Quaternion, then: Quaternion) -> Quaternion:
     """Return the composition of two rotations."""
     (x, y, z, w), (a, b, c, d) = first, then
     return (
@@ -64,7 +64,7 @@ def one_after_another(first: Quaternion, then: Quaternion) -> Quaternion:
     )
 
 
-def turned_back(quaternion: Quaternion) -> Quaternion:
+def inverse_rotation(quaternion: Quaternion) -> Quaternion:
     """Return the inverse rotation."""
     x, y, z, w = quaternion
     return -x, -y, -z, w

@@ -267,7 +267,7 @@ def expected_without_model(
 
 
 Fit = Callable[[PressureConvention], tuple[float, int]]
-"""Mean squared error of the predicted targets, of the length squared; number of levels."""
+"""Mean squared error of the predicted targets over the length squared; number of levels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

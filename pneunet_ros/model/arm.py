@@ -320,7 +320,7 @@ class Arm:
         by_y = np.subtract(self.see(x, y + step), self.see(x, y - step))
         return np.asarray(np.stack([by_x, by_y], axis=1) / (2.0 * step))
 
-    def unsee(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def true_points(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return the true positions (m) of points measured at x, y (m): the inverse of `see`."""
         true_x, true_y = x, y
         for _ in range(UNSEEN_STEPS if self.seeing else 0):

@@ -52,7 +52,7 @@ def compare_files(
     b = true = None
     if second is not None:
         b = read_side(second, topics[1], target_arclength)
-        refuse_itself(a, b)
+        refuse_same_file(a, b)
     if truth is not None:
         true = read_side(truth, {}, target_arclength)
     pairs = [(a, b), (a, true), (b, true)]
@@ -68,7 +68,7 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
     return read_shapes(path, topics, target_arclength)
 
 
-def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
+def refuse_same_file(a: ShapeSeries, b: ShapeSeries) -> None:
     """Refuse to compare a file with itself."""
     if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
         raise RequestError(

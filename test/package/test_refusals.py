@@ -11,7 +11,12 @@ from pneunet_ros.core.reasons import REASONS
 
 PACKAGE = Path(pneunet_ros.__file__).parent
 ERRORS = {'RequestError', 'ModelError', 'CameraError', 'MessageError', 'RecordingError'}
-BY_PLACE = {'complain', 'drop', 'print_error', 'refuse'}  # functions that take a reason by place
+BY_PLACE = {
+    'drop',
+    'print_error',
+    'refuse',
+    'report_error',
+}  # functions that take a reason by place
 
 
 @cache

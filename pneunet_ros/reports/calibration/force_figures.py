@@ -63,7 +63,9 @@ def end_forces(data: FigureData) -> Picture | None:
     largest = MILLI * float(np.max(np.abs(found.read)))
     for component in range(2):
         for (name, _, color), way in zip(WAYS, found.ways, strict=True):
-            draw_way(axes[component], axes[2 + component], found, way, component, name, color)
+            draw_comparison(
+                axes[component], axes[2 + component], found, way, component, name, color
+            )
         read = MILLI * found.read[:, component]
         ends = np.array([read.min(), read.max()])
         margin = 0.12 * max(float(np.ptp(ends)), 0.2 * largest)
@@ -100,7 +102,7 @@ def end_forces(data: FigureData) -> Picture | None:
     )
 
 
-def draw_way(
+def draw_comparison(
     against: Axes,
     error: Axes,
     found: EstimatedForces,

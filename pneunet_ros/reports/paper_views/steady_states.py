@@ -72,7 +72,7 @@ def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
 def arm_points(fitted: FittedRun, arm: Arm) -> Array:
     """Return the best known positions of the targets, (frames, 2, targets) m."""
     measured = fitted.run.points - fitted.disturbance
-    return np.stack(arm.unsee(measured[:, 0], measured[:, 1]), axis=1)
+    return np.stack(arm.true_points(measured[:, 0], measured[:, 1]), axis=1)
 
 
 def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyState:
