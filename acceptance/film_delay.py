@@ -39,7 +39,7 @@ from pneunet_ros.lab.timeline import Leg, Timeline, timeline
 from pneunet_ros.model.starting_arm import starting_arm
 from pneunet_ros.offline.film import delay_of
 from pneunet_ros.offline.track import look_ahead, track_steps
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
 from pneunet_ros.tables.table_reader import ImportRequest, read_table
 from pneunet_ros.vision.tracker import Tracker, Tracking
 from support.finger_film import Bench, write_film, write_table

@@ -46,7 +46,7 @@ from everyday_causes import (
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.calibration.motion_fit import fit_motion
+from pneunet_ros.calibration.motion.motion_fit import fit_motion
 from pneunet_ros.cli.experiments import as_measured
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError

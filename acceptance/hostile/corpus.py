@@ -19,7 +19,7 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.offline.calibration_files import save_knowledge
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
 
 DRAWING = ('pneunet_ros.reports.tracking.preview', 'matplotlib.backends.backend_agg')

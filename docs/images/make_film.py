@@ -19,7 +19,7 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.offline.track import track_steps
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
 from pneunet_ros.vision.tracker import Tracking
 
 FILM = Path(__file__).resolve().parent / 'film.webp'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.measurement.pressure_convention import PressureConvention
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 
 GAUGE_PASCALS = PressureConvention()
 

@@ -57,7 +57,7 @@ def unit_objections(
     Without --model, pressures are compared with those typical of soft actuators.
     """
     from pneunet_ros.cli.verb import model_of
-    from pneunet_ros.measurement.pressure_judge import ANY_ACTUATOR, expected_of
+    from pneunet_ros.measurement.meaning.pressure_judge import ANY_ACTUATOR, expected_of
     from pneunet_ros.offline.judge import judge_table_readings
 
     if not arguments.judge_readings:

@@ -23,7 +23,7 @@ from pneunet_ros.offline.film import (
     with_end_load,
     with_string,
 )
-from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.images.image_stream import ImageStream
 from pneunet_ros.tables.reading_table import ReadingTable
 from pneunet_ros.tables.table_reader import read_table
 from pneunet_ros.vision.tracker import Tracking

@@ -33,8 +33,8 @@ from pneunet_ros.offline.track import (
     TrackTally,
 )
 from pneunet_ros.recordings.file_kinds import NO_LENS
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
-from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest, TOPIC_NAMES
+from pneunet_ros.recordings.images.image_stream import ImageStream
 from pneunet_ros.recordings.recording_writer import check_name, RecordingWriter, write_recording
 from pneunet_ros.tables.table_writer import write_table
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane

@@ -10,7 +10,7 @@ from typing import Any
 from pneunet_ros.estimation.shape_error import Centerlines
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.images.image_stream import ImageStream
 from pneunet_ros.recordings.recorded_shapes import read_estimates, SHAPE
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.reports.tracking.page import TrackingPage

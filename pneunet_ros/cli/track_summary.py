@@ -11,7 +11,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import TrackTally
-from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.images.image_stream import ImageStream
 from rich.console import Console
 
 

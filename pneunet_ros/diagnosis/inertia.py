@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit, predicted_motion
-from pneunet_ros.calibration.motion_problem import Flags
+from pneunet_ros.calibration.motion.motion_fit import fit_motion, MotionFit, predicted_motion
+from pneunet_ros.calibration.motion.motion_problem import Flags
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note

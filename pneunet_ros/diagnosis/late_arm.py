@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import fit_motion, MotionFit, without_swing
-from pneunet_ros.calibration.motion_problem import DIFFERENCE_STEP
+from pneunet_ros.calibration.motion.motion_fit import fit_motion, MotionFit, without_swing
+from pneunet_ros.calibration.motion.motion_problem import DIFFERENCE_STEP
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.evaluation import adequacy

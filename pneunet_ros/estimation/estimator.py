@@ -24,8 +24,8 @@ from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
+from pneunet_ros.measurement.meaning.wrench_judge import load_hint
 from pneunet_ros.measurement.moving_arm import MovingArm, Places, places_along
-from pneunet_ros.measurement.wrench_judge import load_hint
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (

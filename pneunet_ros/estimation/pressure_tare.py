@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.measurement.pressure_convention import ABSOLUTE, PressureConvention
-from pneunet_ros.measurement.pressure_judge import expected_of, JUDGE
+from pneunet_ros.measurement.meaning.pressure_convention import ABSOLUTE, PressureConvention
+from pneunet_ros.measurement.meaning.pressure_judge import expected_of, JUDGE
 from pneunet_ros.model.arm import Arm
 
 # The pressure of a vented arm varies far less than this, that of one in use far more.

@@ -8,7 +8,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.pressure_judge import (
+from pneunet_ros.measurement.meaning.pressure_judge import (
     expected_of,
     judge_pressure,
     PressureRecord,

@@ -11,8 +11,8 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME, is_rotation, Quaternion, quaternion_of_angles
 from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.units import PRESSURE_UNITS, quantity, STANDARD_ATMOSPHERE
-from pneunet_ros.measurement.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
-from pneunet_ros.measurement.wrench_judge import FORCE_UNITS, WrenchConvention
+from pneunet_ros.measurement.meaning.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
+from pneunet_ros.measurement.meaning.wrench_judge import FORCE_UNITS, WrenchConvention
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS
 
 

@@ -15,8 +15,8 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.sensor_mapping import wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.pressure_convention import PressureConvention
-from pneunet_ros.measurement.pressure_judge import (
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
+from pneunet_ros.measurement.meaning.pressure_judge import (
     expected_of,
     expected_without_model,
     ExpectedPressure,
@@ -24,7 +24,7 @@ from pneunet_ros.measurement.pressure_judge import (
     PressureVerdict,
     record_of,
 )
-from pneunet_ros.measurement.wrench_judge import (
+from pneunet_ros.measurement.meaning.wrench_judge import (
     expected_load,
     Forces,
     judge_wrench,

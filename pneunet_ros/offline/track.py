@@ -16,8 +16,8 @@ from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.measurement.row_order import first_target_moves, numbered_from_tip
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
-from pneunet_ros.recordings.image_sources import IMAGE_TYPES
-from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
+from pneunet_ros.recordings.images.image_sources import IMAGE_TYPES
+from pneunet_ros.recordings.images.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.recording_writer import OutputTopics, RecordingWriter
 from pneunet_ros.vision.beam_search import BEAM_SEARCH
 from pneunet_ros.vision.camera.camera_model import Lens

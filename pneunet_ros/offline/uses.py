@@ -41,14 +41,14 @@ from pneunet_ros.offline.fuse import fusion_topics
 from pneunet_ros.offline.judge import Verdicts
 from pneunet_ros.offline.replay import input_topics, Step, steps, targets_topic
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.image_sources import (
+from pneunet_ros.recordings.images.image_sources import (
     find_info_topic,
     IMAGE_TYPES,
     open_images,
     SourceRequest,
     TOPIC_NAMES,
 )
-from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.images.image_stream import ImageStream
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.vision.camera.camera_model import Lens

@@ -17,8 +17,8 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.printable import listed
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
-from pneunet_ros.measurement.pressure_convention import pressure_unit
-from pneunet_ros.measurement.pressure_judge import air_density, JUDGE, record_of
+from pneunet_ros.measurement.meaning.pressure_convention import pressure_unit
+from pneunet_ros.measurement.meaning.pressure_judge import air_density, JUDGE, record_of
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
     Column,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.calibration.swinging_run import from_release, SwingingRun
+from pneunet_ros.calibration.motion.swinging_run import from_release, SwingingRun
 from pneunet_ros.core.errors import RequestError
 import pytest
 from support.refusals import refused

@@ -7,14 +7,14 @@ from functools import cache
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import (
+from pneunet_ros.calibration.motion.motion_fit import (
     fit_motion,
     MotionFit,
     predicted_motion,
     standard_errors,
     without_swing,
 )
-from pneunet_ros.calibration.motion_problem import DIFFERENCE_STEP, MotionProblem
+from pneunet_ros.calibration.motion.motion_problem import DIFFERENCE_STEP, MotionProblem
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.fit.hypothesis import hypothesis

@@ -19,7 +19,7 @@ from pneunet_ros.calibration.settings import judging
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_lag import PressureLag
-from pneunet_ros.measurement.pressure_convention import PressureConvention
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import experiments, made, USUAL

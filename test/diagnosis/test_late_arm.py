@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_fit import MotionFit
+from pneunet_ros.calibration.motion.motion_fit import MotionFit
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm

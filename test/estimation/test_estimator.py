@@ -20,7 +20,7 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.pressure_judge import ExpectedPressure
+from pneunet_ros.measurement.meaning.pressure_judge import ExpectedPressure
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.domain_position import LOAD_BEYOND, LOADS_UNKNOWN, PRESSURE_BEYOND
 from pneunet_ros.model.equilibrium import tip_jacobian

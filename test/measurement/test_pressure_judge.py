@@ -11,8 +11,8 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.pressure_watch import OTHER_PRESSURE
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.pressure_convention import PressureConvention
-from pneunet_ros.measurement.pressure_judge import (
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
+from pneunet_ros.measurement.meaning.pressure_judge import (
     ANY_ACTUATOR,
     expected_of,
     expected_without_model,

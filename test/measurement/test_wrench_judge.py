@@ -12,7 +12,7 @@ from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.sensor_mapping import base_wrench
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.wrench_judge import (
+from pneunet_ros.measurement.meaning.wrench_judge import (
     expected_load,
     judge_wrench,
     load_hint,

@@ -11,7 +11,7 @@ from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.messages.targets import TARGET_POINT
 from pneunet_ros.messages.tracker import decode_camera_info, decode_image, TRACKER_OUTPUTS
 from pneunet_ros.offline.track import look_ahead, record_tracking, track_steps, TrackTally
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording

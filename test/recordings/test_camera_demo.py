@@ -11,7 +11,7 @@ from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.readings import decode_pressure
 from pneunet_ros.offline.track import track_steps
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracker

@@ -10,10 +10,10 @@ from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, R
 from pneunet_ros.core.image import Image
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE
-from pneunet_ros.recordings.image_folder import picture_files
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
-from pneunet_ros.recordings.image_stream import stamp_at
-from pneunet_ros.recordings.matroska import is_cut, is_matroska, MAGIC, SEGMENT
+from pneunet_ros.recordings.images.image_folder import picture_files
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_stream import stamp_at
+from pneunet_ros.recordings.images.matroska import is_cut, is_matroska, MAGIC, SEGMENT
 from pneunet_ros.vision.camera.camera_model import Lens
 import pytest
 from support.films import (

@@ -20,7 +20,7 @@ from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE
 from pneunet_ros.offline.track import track_steps, TrackStep
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.images.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.vision.tracker import Tracker

@@ -12,7 +12,7 @@ from pneunet_ros.core.errors import CameraError
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import TrackStep, TrackTally
-from pneunet_ros.recordings.image_stream import StreamItem
+from pneunet_ros.recordings.images.image_stream import StreamItem
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.overlay import draw

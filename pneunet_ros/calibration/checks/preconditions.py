@@ -17,8 +17,8 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.pressure_convention import PressureConvention
-from pneunet_ros.measurement.pressure_judge import (
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
+from pneunet_ros.measurement.meaning.pressure_judge import (
     ANY_ACTUATOR,
     expected_of,
     judge_pressure,

@@ -24,7 +24,7 @@ from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.moment_law import LinearLaw, MOMENT_LAWS, PiecewiseLinearLaw
 
 if TYPE_CHECKING:
-    from pneunet_ros.calibration.motion_fit import MotionFit
+    from pneunet_ros.calibration.motion.motion_fit import MotionFit
     from pneunet_ros.measurement.dataset import RecordingData
     from pneunet_ros.model.arm import Arm
     from pneunet_ros.reports.calibration.verdict import Files
@@ -169,7 +169,7 @@ def run(arguments: Namespace) -> int:
 
 def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | None, str]:
     """Fit mass and damping; None and the reason if the recordings do not determine them."""
-    from pneunet_ros.calibration.motion_fit import fit_motion
+    from pneunet_ros.calibration.motion.motion_fit import fit_motion
 
     try:
         fit = fit_motion(arm, runs)

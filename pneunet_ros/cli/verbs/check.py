@@ -30,7 +30,7 @@ def run(arguments: Namespace) -> int:
     # These imports take a second, which --help does not need.
     from pneunet_ros.offline.check import check_recording
     from pneunet_ros.offline.uses import UseRequest
-    from pneunet_ros.recordings.image_sources import TOPIC_NAMES
+    from pneunet_ros.recordings.images.image_sources import TOPIC_NAMES
 
     request = UseRequest(
         arm=verb.model_of(arguments),

@@ -24,8 +24,8 @@ from pneunet_ros.estimation.measured_tip import with_measured_tip
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.errors.noise_jacobian import true_load
 from pneunet_ros.measurement.errors.noise_model import measured_tip_std
-from pneunet_ros.measurement.pressure_convention import GAUGE, PressureConvention
-from pneunet_ros.measurement.pressure_judge import expected_of, judge_pressure, record_of
+from pneunet_ros.measurement.meaning.pressure_convention import GAUGE, PressureConvention
+from pneunet_ros.measurement.meaning.pressure_judge import expected_of, judge_pressure, record_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.model.equilibrium import failed_shape, solve, steady_pressure

@@ -10,7 +10,12 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion_problem import Flags, motion_problem, MotionProblem, WITHIN_95
+from pneunet_ros.calibration.motion.motion_problem import (
+    Flags,
+    motion_problem,
+    MotionProblem,
+    WITHIN_95,
+)
 from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError

@@ -15,8 +15,8 @@ import math
 
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals, PRESSURE_UNITS
-from pneunet_ros.measurement.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
-from pneunet_ros.measurement.reading_judge import JudgeSettings, ranked, ReadingVerdict
+from pneunet_ros.measurement.meaning.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
+from pneunet_ros.measurement.meaning.reading_judge import JudgeSettings, ranked, ReadingVerdict
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
 

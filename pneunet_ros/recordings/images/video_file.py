@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RecordingError, RequestError
-from pneunet_ros.recordings.image_stream import (
+from pneunet_ros.recordings.images.image_stream import (
     checked_rate,
     counted_clock,
     image_of,
@@ -23,7 +23,7 @@ from pneunet_ros.recordings.image_stream import (
     stream_of_file,
     StreamItem,
 )
-from pneunet_ros.recordings.matroska import is_cut, is_matroska
+from pneunet_ros.recordings.images.matroska import is_cut, is_matroska
 
 SILENT = 0  # log level of OpenCV
 FIRST_FRAMES = 20  # read to see whether a video has times

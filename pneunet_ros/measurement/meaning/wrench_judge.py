@@ -18,7 +18,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import SI_PER_UNIT
-from pneunet_ros.measurement.reading_judge import JudgeSettings, ranked, ReadingVerdict
+from pneunet_ros.measurement.meaning.reading_judge import JudgeSettings, ranked, ReadingVerdict
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
 

@@ -12,7 +12,7 @@ from pneunet_ros.core.image import Bytes, eight_bits, Image
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_with_messages
 from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, PICTURES
-from pneunet_ros.recordings.image_stream import (
+from pneunet_ros.recordings.images.image_stream import (
     checked_rate,
     counted_clock,
     image_of,

@@ -15,11 +15,11 @@ from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, decode_compressed_image, TRACKER_INPUTS
 from pneunet_ros.recordings.bag_folder import is_recording, METADATA
 from pneunet_ros.recordings.file_kinds import NO_LENS, VIDEOS
-from pneunet_ros.recordings.image_folder import folder_images
-from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
+from pneunet_ros.recordings.images.image_folder import folder_images
+from pneunet_ros.recordings.images.image_stream import ImageStream, StreamItem, with_lens
+from pneunet_ros.recordings.images.video_file import video_images
 from pneunet_ros.recordings.message_store import deserialize, store_for
 from pneunet_ros.recordings.recording import open_recording, Recording
-from pneunet_ros.recordings.video_file import video_images
 from pneunet_ros.vision.camera.camera_model import Lens
 
 IMAGE_TYPES = {'image_raw': IMAGE_TYPE, 'image_raw/compressed': COMPRESSED_TYPE}

@@ -1,0 +1,1 @@
+"""Mass and damping of an arm, from recordings of its motion."""

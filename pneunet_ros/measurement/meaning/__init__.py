@@ -1,0 +1,1 @@
+"""What the numbers of a sensor mean: unit, reference, sign, axes and zero."""
