@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.blocks.block import Block, Prior
-from pneunet_ros.measurement.blocks.model_columns import ModelColumns
 from pneunet_ros.measurement.disturbances import row_shifts
 
 
@@ -15,8 +14,8 @@ from pneunet_ros.measurement.disturbances import row_shifts
 class TargetRow(Block):
     """Relative error of the spacing, and offset from the neutral line over the row's length.
 
-    arclength (dots,) m; spacing_std, offset_std: prior of an uncalibrated row. The calibrated row
-    is part of `Placement`; this block is used for other dots.
+    arclength (dots,) m; spacing_std, offset_std: of other dots than the calibrated ones. The row
+    of the model file is part of `Placement`: its prior here is zero, until the dots are others.
     """
 
     arclength: Array
@@ -25,14 +24,13 @@ class TargetRow(Block):
 
     @property
     def std(self) -> Array:
-        """Prior of an uncalibrated row."""
+        """One sigma of a row that was painted again."""
         return np.array([self.spacing_std, self.offset_std])
 
     @property
     def prior(self) -> Prior:
         """Zero: the row is where the model file states."""
-        zero = np.zeros(2)
-        return Prior(mean=zero, std=zero, shared=(ModelColumns, np.zeros((2, 0))))
+        return Prior(mean=np.zeros(2), std=np.zeros(2))
 
     def on_dots(self, unknowns: Array) -> Array:
         """Scale the positions of all dots along the arm, and shift them equally across it."""

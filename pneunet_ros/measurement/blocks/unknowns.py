@@ -150,16 +150,16 @@ class Unknowns:
 
     def prior(self, size: float) -> Gaussian:
         """Return the initial prior for a size of the model error."""
-        mean, root = np.zeros(self.std.size), np.diag(self.scaled_std(size))
-        for one in self.placed:
-            prior, where = one.block.prior, one.where
-            mean[where] = prior.mean
-            if prior.shared is None:
-                continue
-            other, factor = prior.shared
-            start = self.places[other].where.start
-            root[where, where] = np.diag(prior.std)
-            root[where, start : start + factor.shape[1]] = factor
+        priors = [one.block.prior for one in self.placed]
+        mean = np.concatenate([prior.mean for prior in priors])
+        std = np.concatenate([prior.std for prior in priors])
+        std[self.sized] *= size
+        root = np.diag(std)
+        for one, prior in zip(self.placed, priors, strict=True):
+            if prior.shared is not None:
+                other, factor = prior.shared
+                start = self.places[other].where.start
+                root[one.where, start : start + factor.shape[1]] = factor
         return Gaussian(mean=freeze(mean), root=freeze(root))
 
     def scaled_std(self, size: float) -> Array:
