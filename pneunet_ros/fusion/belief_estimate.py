@@ -15,8 +15,9 @@ from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR, PRESSURE
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.causes import CAMERA, CAUSES
-from pneunet_ros.fusion.contact import Contact, correlation_with_tip
+from pneunet_ros.fusion.contact import Contact, CONTACT_APART, correlation_with_tip
 from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
+from pneunet_ros.fusion.frame_update import FRAME_GATE
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import load_read, NearWrench, path_of, PressureInstant
 from pneunet_ros.fusion.state import FusionState
@@ -189,7 +190,7 @@ def arm_at(
         if model.swinging and bent.shape.converged and not model.force_is_known(belief):
             all_causes = causes_with_contact(model.unknowns, causes, bent.contact)
         belief, motion = propagate_swing(model.swinging, before, belief, bent, path, all_causes)
-    ratio = 1.0 if state.nis is None else state.nis.birge_ratio(model.settings.frame_gate)
+    ratio = 1.0 if state.nis is None else state.nis.birge_ratio(FRAME_GATE)
     if ratio > 1.0:  # no hypothesis explains the last frames
         belief, unseen = replace(belief, root=freeze(ratio * belief.root)), ratio * unseen
     return BelievedArm(
@@ -283,7 +284,7 @@ def is_there(model: PreparedModel, place: float, other: Hypothesis[Belief]) -> b
     """Whether a hypothesis, if it is likely, also has a contact near a place (m)."""
     belief = other.belief
     distance = abs(float(belief.mean[model.unknowns.at(Push).stop - 1]) - place)
-    at_place = distance <= model.settings.contact_apart * model.arm.length
+    at_place = distance <= CONTACT_APART * model.arm.length
     return not other.is_about_as_likely or (belief.touched and at_place)
 
 

@@ -48,6 +48,9 @@ from pneunet_ros.measurement.inference.gaussian import (
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
 RESET_RARITY = 2.0  # in units of `odds_against`: log odds against a completely wrong belief
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+CONTACT_GONE = 25.0  # chi squared of a contact force below which it may have ended
+TURN_TOLERANCE = 0.002  # rad, below which a camera is never taken for moved
 Alternative = tuple[HypothesisUpdate, float]  # and its log odds without the evidence of the frame
 
 
@@ -147,7 +150,7 @@ class ContactCause(Cause):
             read
             and fit is not None
             and excess(fit) <= 1.0
-            and differs_from_zero(fit, model.settings.contact_gone)
+            and differs_from_zero(fit, CONTACT_GONE)
         )
 
 
@@ -176,7 +179,7 @@ class CameraCause(Cause):
             return -math.inf  # with an undetermined force the rotation is undetermined as well
         where, before, after, _ = self.priors(model)
         turn = slice(where.stop - 1, where.stop)
-        innocent = np.array([model.settings.turn_tolerance])
+        innocent = np.array([TURN_TOLERANCE])
         return log_odds_beyond(belief, turn, before[-1:], innocent, after[-1:])
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:

@@ -27,6 +27,7 @@ from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 
 CONTACT_STARTS = 3  # number of best places from which a contact is searched for
+CONTACT_APART = 0.05  # lengths between two contacts; idle in acceptance/sweep.py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,7 +224,7 @@ def find_contacts(
     ]
     found: list[Fit] = []
     for item in sorted(pressing, key=lambda one: evidence_cost(one, seen)):
-        separation = settings.contact_apart * length
+        separation = CONTACT_APART * length
         if all(abs(place_of(item) - place_of(other)) > separation for other in found):
             found.append(item)
     return found

@@ -46,6 +46,8 @@ from scipy.linalg.lapack import dpotri, dpotrs
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 MOST_STEPS = 12  # largest number of steps of the search in a frame
 MOST_HALVINGS = 6  # of a step that does not lower the cost
+# Std of the force, of its scale: the last step is not checked; idle in acceptance/sweep.py.
+LINEAR = 0.015
 
 Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]
@@ -450,7 +452,7 @@ class FrameProblem:
         cost is checked.
         """
         step, _ = fit.newton_step()
-        if self.force_is_known(fit, self.settings.linear) and self.is_allowed(fit.trial.xi + step):
+        if self.force_is_known(fit, LINEAR) and self.is_allowed(fit.trial.xi + step):
             return fit.stepped()
         trial = self.try_at(fit.trial.xi + step, fit.trial.bent.solution)
         if trial is None or trial.cost > fit.cost:

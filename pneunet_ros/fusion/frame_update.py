@@ -23,6 +23,11 @@ START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, 
 Fit = tuple[FrameProblem, FrameLinearization]
 DERIVATIVE = 1e-3  # of the force scale: step of a derivative
 EXACT = 1e-6  # of the force scale: std of a force that is known
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FRAME_GATE = 4.0  # limits of the NIS of noise: a frame beyond is not used
+APART = 16.0  # chi squared between two solutions
+RIVAL = 9.0  # chi squared above the best, within which another solution counts
+RESTART_FRAMES = 6  # over which the cold starts of a round are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +59,11 @@ class ColdSearch:
         """Return the state after one frame's share of the search for alternatives to a fit."""
         settings = fit[0].settings
         gain, round_ = search_other_force(fit, self.round)
-        clear = 0 if gain > -settings.rival else self.clear + 1
-        whole = settings.restart_frames + settings.starts_followed
+        clear = 0 if gain > -RIVAL else self.clear + 1
+        whole = RESTART_FRAMES + settings.starts_followed
         return ColdSearch(
-            ambiguous=gain > -settings.rival or (self.ambiguous and clear < whole),
-            found_better=gain > settings.rival,
+            ambiguous=gain > -RIVAL or (self.ambiguous and clear < whole),
+            found_better=gain > RIVAL,
             clear=clear,
             round=round_,
         )
@@ -158,7 +163,7 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
     rival = best_rival(best, found)
     if rival is None:  # all belong to one minimum, and some searches may have got stuck
         return min([best, *found], key=laplace_cost), False
-    gain, margin = gain_over(best, rival), problem.settings.rival
+    gain, margin = gain_over(best, rival), RIVAL
     return (rival, False) if gain > margin else (best, gain > -margin)
 
 
@@ -189,7 +194,7 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
 
 def is_inconsistent(fit: Fit) -> bool:
     """Whether a fit deviates so much from the frame that the frame is not used."""
-    return excess(fit) > fit[0].settings.frame_gate
+    return excess(fit) > FRAME_GATE
 
 
 def excess(fit: Fit) -> float:
@@ -376,8 +381,8 @@ def search_other_force(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
 def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, list[Trial]]:
     """Return the round after this frame, and the cold starts to follow now: none or one."""
     settings = problem.settings
-    if round_.frame < settings.restart_frames:
-        tried = cold_starts(problem, slice(round_.frame, None, settings.restart_frames))
+    if round_.frame < RESTART_FRAMES:
+        tried = cold_starts(problem, slice(round_.frame, None, RESTART_FRAMES))
         forces = [(trial.cost, *force_at(problem, trial).tolist()) for trial in tried]
         best = sorted([*round_.best, *forces])[: settings.starts_followed]
         return ColdRound(frame=round_.frame + 1, best=tuple(best)), []
@@ -418,4 +423,4 @@ def are_apart(first: Fit, second: Fit) -> bool:
     variances, axes = np.linalg.eigh(fit.force)
     least = (EXACT * problem.unknowns.block(TipForce).scale) ** 2  # a force may be known exactly
     distance = float(((between @ axes) ** 2 / np.fmax(variances, least)).sum())
-    return distance > problem.settings.apart
+    return distance > APART

@@ -75,6 +75,12 @@ NIS_TIME = 2.0  # s, averaging time of the NIS in the diagnostics
 
 Event = Reading | BaseReading | TargetSightings
 NEAR = 3  # readings on either side for the course of the pressure between two
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+MOST_AHEAD = 0.1  # s, of a frame before its pressure: more is a note
+NOISE_READINGS = 60  # latest ones of the force, for its noise
+USUAL_GAP = 1.5  # times the gap before: longer ones are not interpolated across
+STILL_READINGS = 5  # identical ones of the pressure: its sensor may hang
+STILL_FRAMES = 5  # for one such test: an idle sensor may clip at zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -226,7 +232,7 @@ class Fusion:
         if state.belief is not None and state.belief.frames:
             shown.append(state.belief.stamp_ns)
         seconds = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
-        if seconds <= self.settings.most_ahead + 1.5 * seconds_between(before_ns, last_ns):
+        if seconds <= MOST_AHEAD + 1.5 * seconds_between(before_ns, last_ns):
             return []
         return [
             f'the last frame of targets is stamped {seconds:.3g} s later than the pressure: '
@@ -378,7 +384,7 @@ class Fusion:
 
     def force_is_read_often(self, state: FusionState) -> bool:
         """Whether the force is read so often that changes between readings are noise."""
-        stamps = [one.stamp_ns for one in state.force.kept[-self.settings.noise_readings :]]
+        stamps = [one.stamp_ns for one in state.force.kept[-NOISE_READINGS:]]
         period = median(np.diff(stamps).astype(np.float64)) if len(stamps) > 1 else 0.0
         return period <= self.settings.noise_period * NANOSECONDS_PER_SECOND
 
@@ -400,7 +406,7 @@ class Fusion:
         """
         if not self.force_is_read_often(state):
             return 0.0
-        wrenches = state.force.kept[-self.settings.noise_readings :]
+        wrenches = state.force.kept[-NOISE_READINGS:]
         noise = white_std(np.reshape([(one.force_x, one.force_y) for one in wrenches], (-1, 2)))
         most = self.settings.noise_ratio * self.arm.sensors.force_std
         return noise if noise > (0.5 * most if state.force.noise else most) else 0.0
@@ -495,7 +501,7 @@ class Fusion:
             return belief
         earlier, before, behind = known[after - 2 : after + 1]
         usual = before.stamp_ns - earlier.stamp_ns
-        if behind.stamp_ns - before.stamp_ns > self.settings.usual_gap * usual:
+        if behind.stamp_ns - before.stamp_ns > USUAL_GAP * usual:
             return belief
         instant = self.pressure_at(state, belief.stamp_ns)
         response = np.zeros((1, belief.mean.size))
@@ -552,7 +558,7 @@ class Fusion:
         """Return a frame with the sensor readings at the time when it was taken, an instant."""
         shown_ns = self.model.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
-        turn = not state.counts.frames % self.settings.still_frames
+        turn = not state.counts.frames % STILL_FRAMES
         return ReadFrame(
             stamp_ns=shown_ns,
             sightings=sightings,
@@ -575,8 +581,8 @@ class Fusion:
         """
         if 'pressure' in self.coarse_sensors(state):
             return False
-        last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
-        return len(last) == 1 and len(state.pressures) >= self.settings.still_readings
+        last = {instant.gauge for instant in state.pressures[-STILL_READINGS:]}
+        return len(last) == 1 and len(state.pressures) >= STILL_READINGS
 
     def with_nis(self, state: FusionState, updated: HypothesisUpdate) -> FusionState:
         """Return the state with the running NIS after a frame."""

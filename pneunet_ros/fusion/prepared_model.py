@@ -43,6 +43,9 @@ from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
 FAR = 1e3  # force scales: a larger reading has no more information
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FORCE_GATE = 6.0  # chi squared: the innovation of a wrench that resets the tip force
+COARSEST = 0.05  # step of readings, of the range or force scale: coarser ones are commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -216,7 +219,7 @@ class PreparedModel:
         innovation = value - response @ belief.mean
         spread = response @ belief.root
         covariance = spread @ spread.T
-        if misfit_of(innovation, covariance, std**2) > self.settings.force_gate:
+        if misfit_of(innovation, covariance, std**2) > FORCE_GATE:
             belief = self.without(belief, tip)
         return take_measurement(belief, response, value, np.full(2, std))
 
@@ -274,7 +277,7 @@ class PreparedModel:
     @property
     def coarsest_pressure(self) -> float:
         """The step (Pa) beyond which readings are taken for commands, not measurements."""
-        return self.settings.coarsest * self.discrepancy.range
+        return COARSEST * self.discrepancy.range
 
     def pressure_rounding(self, step: float) -> float:
         """Return one sigma (Pa) of the rounding of a pressure sensor; 0 if unknown."""
@@ -282,7 +285,7 @@ class PreparedModel:
 
     def force_rounding(self, step: float) -> float:
         """Return one sigma (N) of the quantization error of each force component."""
-        coarsest = self.settings.coarsest * self.force_scale
+        coarsest = COARSEST * self.force_scale
         return rounding_std(step) if step <= coarsest else 0.0
 
     def shown_ns(self, sightings: TargetSightings) -> int:

@@ -21,6 +21,7 @@ from pneunet_ros.fusion.causes import (
     RESET_RARITY,
     update_from,
 )
+from pneunet_ros.fusion.contact import CONTACT_APART
 from pneunet_ros.fusion.hypothesis_update import (
     HypothesisUpdate,
     update_with_likeliest_walk,
@@ -34,12 +35,16 @@ from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
 from pneunet_ros.measurement.inference.bank import Hypothesis, ranked
 
 FREE = 2.0  # average reduction of the chi squared of a frame by a free force
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+FROZEN = 7.0  # sigma of the pressure, in which it changes behind a copy of a frame
+FRAMES_LOST = 3  # one after the other, before a belief may be reset
+MOST_MODEL_ERROR = 0.05  # of the range: beyond it the pressure is not used
 
 
 def is_copy(model: PreparedModel, seen: SeenFrame, frame: ReadFrame) -> bool:
     """Whether a bit-identical frame is a copy, judging by a change of the pressure since."""
     pressure_change = abs(frame.instant.chamber - seen.chamber)
-    return not frame.alone and pressure_change > model.settings.frozen * frame.instant.std
+    return not frame.alone and pressure_change > FROZEN * frame.instant.std
 
 
 def take(
@@ -241,7 +246,7 @@ def should_test_causes(
         return True
     if is_open(model, updated) and not any(FORCE_SENSOR in one.after.causes for one, _ in weighed):
         return True
-    if model.size_of(updated.after) > model.settings.most_model_error:
+    if model.size_of(updated.after) > MOST_MODEL_ERROR:
         return True
     return any(is_indicated(model, cause, updated.after) for cause in CAUSES)
 
@@ -259,7 +264,7 @@ def cause_alternatives(
     """Return updates with each possible cause, and with a reset belief if frames are lost."""
     base = without_touch(weighed, best)
     found = all_alternatives(model, base)
-    if state.counts.lost >= model.settings.frames_lost and best_of([*weighed, *found])[0].misfits:
+    if state.counts.lost >= FRAMES_LOST and best_of([*weighed, *found])[0].misfits:
         updated, weight = base
         unknowns = model.of(state.lasting).unknowns
         first = first_belief(unknowns, updated.frame.stamp_ns, state.lasting)
@@ -297,4 +302,4 @@ def is_same(model: PreparedModel, one: Belief, other: Belief) -> bool:
         return False
     place = model.unknowns.at(Push).stop - 1
     distance = abs(float(one.mean[place] - other.mean[place]))
-    return distance <= model.settings.contact_apart * model.arm.length
+    return distance <= CONTACT_APART * model.arm.length

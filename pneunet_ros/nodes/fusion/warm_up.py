@@ -10,6 +10,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, unseen_targets, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.frame_update import RESTART_FRAMES
 from pneunet_ros.fusion.fusion import Event, Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
@@ -33,7 +34,7 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
     )
     reading = sensors.pressure.reading(pressure)
     state, outcome = FusionState(), None
-    frames = fusion.settings.restart_frames + 2 if jit.is_compiled() else 2
+    frames = RESTART_FRAMES + 2 if jit.is_compiled() else 2
     for index in range(frames):
         stamp_ns = 1 + index * FRAME_PERIOD_NS
         events: list[Event] = [
