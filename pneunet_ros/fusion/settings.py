@@ -22,9 +22,10 @@ class FusionSettings:
         0.12,
         'time between readings above which the load changes as much as noise; invented',
         unit='s',
+        source='sweep',
     )
     fewest_readings: int = tuning(
-        8, 'force readings needed to estimate their noise: six second differences'
+        8, 'force readings needed to estimate their noise: six second differences', source='sweep'
     )
     noise_ratio: float = tuning(
         2.0,
@@ -32,12 +33,13 @@ class FusionSettings:
         unit='noise of the model',
         source='sweep',
     )
-    fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
+    fewest_targets: int = tuning(3, 'targets seen in a frame that is used', source='sweep')
     small_gain: float = tuning(
         0.05,
         'gain below which a step ends the search or is rejected: along a curved valley, steps '
         'gain next to nothing for long',
         unit='chi squared',
+        source='sweep',
     )
     target_gate: float = tuning(
         25.0, 'misfit of a target to all others above which it is left out', unit='chi squared'
@@ -58,6 +60,7 @@ class FusionSettings:
         2.0,
         'change of targets within which an undetermined force may be held at its prior',
         unit='sigma',
+        source='sweep',
     )
     largest_tip_std: float = quantity(
         3e-3,
@@ -79,14 +82,18 @@ class FusionSettings:
         source='convention: one in 3000; tried: with 5 a frozen pressure is taken for a '
         'contact, with 20 the tests of the fusion take several times as long',
     )
-    most_hypotheses: int = tuning(4, 'largest number of hypotheses')
+    most_hypotheses: int = tuning(4, 'largest number of hypotheses', source='sweep')
     contact_score: float = tuning(
-        9.0, 'linearized gain by a contact above which it is searched for', unit='chi squared'
+        9.0,
+        'linearized gain by a contact above which it is searched for',
+        unit='chi squared',
+        source='sweep',
     )
     contact_least: float = tuning(
         0.012,
         'smallest contact force that is published: a model error looks like less',
         unit='of the force scale',
+        source='sweep',
     )
 
 

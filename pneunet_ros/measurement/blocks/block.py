@@ -194,7 +194,9 @@ class SizedBlock(Block):
     """
 
     range: float
-    correlation_time: float = tuning(20.0, 'correlation time of the model error', unit='s')
+    correlation_time: float = tuning(
+        20.0, 'correlation time of the model error', unit='s', source='sweep'
+    )
 
     def growth(self, seconds: float, pressure_change: float) -> list[float]:
         """Return one sigma of the process noise of the sized unknowns, for a size of 1."""

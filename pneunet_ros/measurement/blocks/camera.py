@@ -28,15 +28,20 @@ class Camera(Block):
     place_std: float
     length: float
     origin: tuple[float, float] = (0.0, 0.0)
-    drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
+    drift_time: float = tuning(
+        40.0, 'correlation time of the drift of the camera', unit='s', source='sweep'
+    )
     turn_std: float = tuning(
-        3e-5, 'std of the rotation of a camera that was not moved', unit='rad'
+        3e-5, 'std of the rotation of a camera that was not moved', unit='rad', source='sweep'
     )
     moved_by: float = tuning(
         0.045, 'std of the position of a camera that was moved', unit='of the length'
     )
     turned_by: float = tuning(
-        0.05, 'std of the rotation around the base of a camera that was moved', unit='rad'
+        0.05,
+        'std of the rotation around the base of a camera that was moved',
+        unit='rad',
+        source='sweep',
     )
 
     @property

@@ -25,13 +25,22 @@ class Push(Block):
         0.018, 'length of the arm that a contact presses on', unit='of the length'
     )
     places: tuple[float, float] = tuning(
-        (0.05, 0.98), 'positions along the arm at which a contact is tried', unit='of the length'
+        (0.05, 0.98),
+        'positions along the arm at which a contact is tried',
+        unit='of the length',
+        source='sweep',
     )
     largest_walk: float = tuning(
-        0.3, 'largest random walk of a contact force', unit='of the force scale/sqrt(s)'
+        0.3,
+        'largest random walk of a contact force',
+        unit='of the force scale/sqrt(s)',
+        source='sweep',
     )
     place_walk: float = tuning(
-        0.018, 'random walk of the place of a contact', unit='of the length/sqrt(s)'
+        0.018,
+        'random walk of the place of a contact',
+        unit='of the length/sqrt(s)',
+        source='sweep',
     )
 
     @property

@@ -20,9 +20,14 @@ class ForceSensor(Block):
     scale: float
     is_there: bool = True
     offset_std: float = tuning(
-        0.0003, 'std of the offset of a healthy force sensor', unit='of the force scale'
+        0.0003,
+        'std of the offset of a healthy force sensor',
+        unit='of the force scale',
+        source='sweep',
     )
-    gain_std: float = tuning(0.0003, 'std of the gain error of a healthy force sensor')
+    gain_std: float = tuning(
+        0.0003, 'std of the gain error of a healthy force sensor', source='sweep'
+    )
 
     tolerance: float = tuning(
         0.015,

@@ -49,7 +49,10 @@ class ModelDiscrepancy(SizedBlock):
         60.0, 'forgetting time of frames in the estimate of its size', unit='s'
     )
     lag_times: tuple[float, ...] = tuning(
-        (4.0, 40.0), 'time constants of the delayed part of the curvature', unit='s'
+        (4.0, 40.0),
+        'time constants of the delayed part of the curvature',
+        unit='s',
+        source='sweep',
     )
     play: float = tuning(
         0.06, 'width of a play (dead band) that is missing in the model', unit='of the range'
