@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from fnmatch import fnmatch
+from glob import escape
 from pathlib import Path, PurePosixPath
 import re
 from typing import Any
@@ -16,12 +18,24 @@ from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
 from pneunet_ros.recordings.plain_mcap import PACKED, SQLITE
 
 METADATA = 'metadata.yaml'
-FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all files in such a folder
 FILES = tuple(f'*{kind}{packed}' for kind in ('.mcap', SQLITE) for packed in ('', PACKED))
 STORAGES = ('mcap', 'sqlite3')
 NAMES_SHOWN = 12
 LONGEST_NAME = 40  # characters of the name of a storage, in a sentence
 FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
+
+
+def own_files(path: Path) -> tuple[str, ...]:
+    """Return patterns of the files that belong to a recording at a folder, and to nothing else.
+
+    These are the metadata, the files that it lists, and those that are named after the folder.
+    """
+    listed_files: list[str] = []
+    if (path / METADATA).exists():
+        with suppress(RecordingError):
+            listed_files = [escape(file.name) for file in stored_files(path)]
+    name = escape(path.resolve().name)
+    return (METADATA, f'{name}.mcap', f'{name}_[0-9]*.mcap', *listed_files)
 
 
 def stored_files(path: Path) -> list[Path]:

@@ -20,7 +20,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.serializer import MessageSerializer
-from pneunet_ros.recordings.bag_folder import FOLDER_FILES, METADATA
+from pneunet_ros.recordings.bag_folder import METADATA, own_files
 from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME
 from pneunet_ros.recordings.mcap_records import MESSAGE_HEAD, RECORD_HEAD, write_checksums
 from pneunet_ros.recordings.message_store import IDL_HEAD, ROSBAGS_TYPES, serialize, store_for
@@ -249,7 +249,7 @@ def write_recording(
     path = Path(path)
     check_name(path)
     bare = path.suffix == BARE_SUFFIX
-    replaceable = () if bare else FOLDER_FILES
+    replaceable = () if bare else own_files(path)
     with atomic_output(
         path, overwrite=overwrite, inputs=inputs, replaceable=replaceable
     ) as temporary:

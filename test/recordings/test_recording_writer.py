@@ -278,3 +278,20 @@ def run(code, argument, env):
         timeout=600,
         check=False,
     )
+
+
+def test_a_folder_of_other_recordings_is_never_replaced(tmp_path):
+    data = tmp_path / 'data'
+    data.mkdir()
+    for name in ('monday.mcap', 'tuesday.mcap'):
+        write_readings(data / name)
+    with refused(RecordingError, 'holds_other_files'), write_recording(data, overwrite=True):
+        pytest.fail('work was done')
+    assert names(data) == ['monday.mcap', 'tuesday.mcap']
+
+
+def test_a_folder_that_was_renamed_is_replaced_with_the_files_that_it_lists(tmp_path):
+    write_readings(tmp_path / 'arm').rename(tmp_path / 'better')
+    with write_recording(tmp_path / 'better', overwrite=True) as writer:
+        writer.write(writer.add(PRESSURE, PRESSURE_TYPE), 0, pressure(0))
+    assert open_recording(tmp_path / 'better').count([PRESSURE]) == 1
