@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from types import SimpleNamespace
@@ -14,6 +15,8 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.core.errors import RequestError  # noqa: E402
 from pneunet_ros.nodes.gripper import action  # noqa: E402
 from pneunet_ros.nodes.gripper.action import GripperGoals, Turn  # noqa: E402
+from pneunet_ros.nodes.gripper.configuration import GripperSettings  # noqa: E402
+from pneunet_ros.nodes.gripper.grasping import Grasping  # noqa: E402
 from pneunet_ros.nodes.prompt_executor import PromptExecutor  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -27,14 +30,16 @@ class Held:
     def __init__(self):
         self.fusions, self.grasp, self.ordered = {'left': None, 'right': None}, None, []
         self.reached = self.stalled = self.held = False
+        self.command = None
 
     def order(self, width, force):
         if width < -1.0:
             raise RequestError('no such width')
         self.ordered.append((width, force))
+        self.command, self.held = (width, force), False
 
     def hold(self):
-        self.held = True
+        self.held, self.command = True, None
 
     def is_reached(self):
         return self.reached
@@ -98,8 +103,45 @@ def test_a_goal_ends_by_a_newer_one_by_cancelling_and_without_frames(held, monke
     monkeypatch.setattr(action, 'SILENCE', -1.0)
     third = Handle()
     assert turn(goals.execute(third)) is not None and third.became == 'abort'
+    assert held.held  # nothing moves on when frames come back
     refused = Handle(width=-2.0)
     assert turn(goals.execute(refused)) is not None and refused.became == 'abort'
+
+
+def test_a_goal_ends_where_its_command_was_reset(held):
+    handle = Handle()
+    running = GripperGoals(held, KIND).execute(handle)
+    turn(running)
+    held.command = None
+    held.see(0.05)
+    assert turn(running) is not None and handle.became == 'abort'
+
+
+def grasping() -> Grasping:
+    """Return the part of a gripper that grasps, without topics; nobody listens."""
+    found = object.__new__(Grasping)
+    found.settings = GripperSettings(arms=('left', 'right'))
+    found.command, found.seen, found.new = None, {}, set()
+    found.states = SimpleNamespace(get_subscription_count=lambda: 0)
+    return found
+
+
+def test_a_command_begins_with_frames_of_today():
+    found = grasping()
+    found.seen, found.new = {'left': 'of minutes ago'}, {'left'}
+    found.order(0.03, 0.02)
+    assert (found.seen, found.new) == ({}, set())
+    found.hold()
+    found.seen, found.new = {'left': 'of minutes ago'}, {'left'}
+    found.take_frame('right')
+    assert (found.seen, found.new) == ({}, set())
+
+
+def test_a_force_that_is_no_number_is_no_command():
+    with pytest.raises(RequestError):
+        grasping().order(0.03, math.nan)
+    found = grasping()
+    assert found.order(0.03, 0.0).force == found.settings.max_force
 
 
 def test_the_executor_lets_what_is_polled_go_on_while_nothing_wakes_it():

@@ -62,7 +62,10 @@ class GripperGoals:
         waiting_since = time.monotonic()
         while True:
             grasp = await self.next_grasp(waiting_since)
-            if grasp is None or number != self.goals:
+            if number != self.goals:
+                handle.abort()
+            elif grasp is None or self.grasping.command is None:
+                self.grasping.hold()
                 handle.abort()
             elif handle.is_cancel_requested:
                 self.grasping.hold()

@@ -73,6 +73,7 @@ class Grasping:
     def take_frame(self, arm: str) -> None:
         """Process a frame that the fusion of an arm has used."""
         if self.command is None and not self.states.get_subscription_count():
+            self.forget_frames()
             return
         fusion = self.fusions[arm]
         seen = seen_arm(fusion.configuration.fusion, fusion.state)
@@ -86,6 +87,11 @@ class Grasping:
             self.grasp = self.gripper.grasp(self.seen)
             self.states.publish(self.serializer.bytes_of(GRIPPER_STATE, self.grasp))
             self.follow(time.monotonic())
+
+    def forget_frames(self) -> None:
+        """Begin again with the next frame of every arm."""
+        self.seen.clear()
+        self.new.clear()
 
     def take_command(self, message: Any) -> None:
         """Take a command; position: the width (m), effort: the largest force (N) of an arm."""
@@ -103,9 +109,10 @@ class Grasping:
     def order(self, width: float, force: float) -> GripCommand:
         """Execute a command from now on; force: 0 or less means the largest allowed one."""
         most = self.settings.max_force
-        command = GripCommand(width=width, force=min(force, most) if force > 0.0 else most)
+        command = GripCommand(width=width, force=most if force <= 0.0 else min(force, most))
         if self.command is None:
             self.pressures, self.commanded_at = {}, -math.inf
+            self.forget_frames()  # the arms may have moved since
         self.command = command
         return command
 
