@@ -9,6 +9,8 @@ from types import MappingProxyType
 
 from pneunet_ros.core.frames import composition, inverse_rotation, Quaternion, UNTURNED
 from pneunet_ros.core.readings import FrameReading
+from pneunet_ros.core.stamps import BACKWARD_JUMP
+from pneunet_ros.core.units import seconds_since
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,11 +20,16 @@ class FrameTree:
     frames: Mapping[str, FrameReading] = field(default_factory=lambda: MappingProxyType({}))
 
     def after(self, readings: Iterable[FrameReading]) -> FrameTree:
-        """Return the tree updated with readings of frames; the latest reading wins."""
+        """Return the tree updated with readings of frames; the latest reading wins.
+
+        A reading more than `BACKWARD_JUMP` before the known one shows that this was stamped ahead
+        of its time, or that time has restarted.
+        """
         found = dict(self.frames)
         for reading in readings:
             known = found.get(reading.frame_id)
-            if known is None or known.fixed or known.stamp_ns <= reading.stamp_ns:
+            late = 0.0 if known is None else seconds_since(reading.stamp_ns, known.stamp_ns)
+            if known is None or known.fixed or not 0.0 < late <= BACKWARD_JUMP:
                 found[reading.frame_id] = reading
         return FrameTree(frames=MappingProxyType(found))
 

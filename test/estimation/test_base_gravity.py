@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frame_tree import FrameTree
 from pneunet_ros.core.frames import BASE_FRAME, quaternion_of_angles, rotation_matrix
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import FrameReading, ImuReading, PressureReading
@@ -204,3 +205,15 @@ def test_frames_in_a_circle_and_rotations_that_are_none():
     flat = turned('world', BASE_FRAME, (0, 0, 0), quaternion=(0.0, 0.0, 0.0, 0.0))
     _, outcomes = run(of, circle, (flat,), pressure(1))
     assert [one.reason for one in outcomes[1:]] == ['no_rotation', 'no_gravity_frame']
+
+
+def test_a_transform_stamped_ahead_costs_no_reading_for_good():
+    def after(tree: FrameTree, at: int) -> FrameTree:
+        return tree.after([turned('base', 'world', (0.0, 0.0, 0.0), at=at)])
+
+    ahead = after(after(FrameTree(), 1_000), 3_600_000)
+    assert ahead.frames['base'].stamp_ns == 3_600_000 * MS
+    again = after(ahead, 1_010)
+    assert again.frames['base'].stamp_ns == 1_010 * MS
+    late = after(again, 1_005)  # two ways to here, of which one is slower
+    assert late.frames['base'].stamp_ns == 1_010 * MS
