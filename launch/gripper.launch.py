@@ -2,6 +2,7 @@
 
 from pneunet_ros.core.share import share_path
 from pneunet_ros.nodes.launch_description import describe_launch, full_name, is_true, node, number
+from pneunet_ros.nodes.params_file import parameters_of
 from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper
 
 ARGUMENTS = {
@@ -17,7 +18,10 @@ ARGUMENTS = {
         'config/lab_arm.yaml if the gripper is virtual',
     ),
     'virtual': ('false', 'whether virtual arms and an object between them take part'),
-    'object_width': ('0.04', 'diameter of that object, m; 0: there is none'),
+    'object_width': (
+        '',
+        'diameter of that object, m; 0: there is none; empty: as in params_file, or 0.04',
+    ),
     'use_sim_time': ('false', 'whether time comes from /clock'),
     'log_level': ('info', 'debug, info, warn or error'),
 }
@@ -27,11 +31,13 @@ def nodes(given):
     if not is_true('virtual', given):
         return [node('gripper', given, model_file=given['model_file'])]
     file = given['params_file'] or str(share_path('config/gripper.yaml'))
-    model = given['model_file'] or str(share_path('config/lab_arm.yaml'))
+    in_file = parameters_of(file, full_name('gripper', given)).get('model_file')
+    model = given['model_file'] or ('' if in_file else str(share_path('config/lab_arm.yaml')))
+    width = number('object_width', given) if given['object_width'] else ''
     given = {**given, 'params_file': file}
     played_gripper([file], full_name('gripper', given))  # refused here, not by the first process
     return [
-        node('virtual_gripper', given, object_width=number('object_width', given)),
+        node('virtual_gripper', given, object_width=width),
         node('gripper', given, model_file=model),
     ]
 

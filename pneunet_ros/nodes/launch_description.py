@@ -115,7 +115,7 @@ def node(executable: str, given: Given, **parameters: Any) -> Any:
     would reject. Also raises it if params_file is not a file, because launch_ros would then start
     a node with other parameters than requested.
     """
-    used = {name: value for name, value in parameters.items() if value}
+    used = {name: value for name, value in parameters.items() if value != ''}
     check_names(given)
     check_parameters(executable, given, used)
     if is_true('use_sim_time', given):

@@ -308,7 +308,7 @@ def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
         if isinstance(default, str):
             expected = {'namespace': '/pneunet', 'log_level': 'info'}
             expected |= dict.fromkeys(('use_sim_time', 'rviz', 'virtual'), 'false')
-            expected |= {'swing_period': '8.0', 'fusion': 'true', 'object_width': '0.04'}
+            expected |= {'swing_period': '8.0', 'fusion': 'true'}
             assert default == expected.get(argument.values[0], '')
         else:
             ((share, *path),) = default.values
