@@ -170,10 +170,15 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         response.success, response.message = True, self.forget()
         return response
 
+    def check_inputs(self, new: C) -> None:
+        """Raise PneunetError if a configuration needs topics that this node does not read."""
+
     def reload_model(self, request: Any, response: Any) -> Any:
         """Serve ~/reload_model: read all files again; on error nothing changes."""
         try:
-            self.use(self.configured(self.table.values(self), None))
+            found = self.configured(self.table.values(self), None)
+            self.check_inputs(found)
+            self.use(found)
         except PneunetError as error:
             response.message = f'{error}; the old model stays in use'
         else:
@@ -189,7 +194,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         if not changed:  # rclpy declares parameters of its own, such as those of QoS
             return SetParametersResult(successful=True)
         try:
-            self.candidate = self.configured(values | changed, self.configuration)
+            found = self.configured(values | changed, self.configuration)
+            self.check_inputs(found)
+            self.candidate = found
         except PneunetError as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:

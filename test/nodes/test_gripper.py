@@ -25,6 +25,8 @@ from support.refusals import refused
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.nodes.estimator import configuration as estimator_configuration  # noqa: E402
+from pneunet_ros.nodes.fusion import configuration as fusion_configuration  # noqa: E402
 from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
     block_of,
     check_blocks,
@@ -239,6 +241,19 @@ def test_what_a_node_of_an_arm_would_refuse_is_refused_before_it_starts():
     for wrong in ({'wrench_sign': 2}, {'model_file': 'none.yaml'}, {'fusion': {'free_tip': 1}}):
         with pytest.raises(PneunetError):
             check_blocks({'left': wrong})
+
+
+@pytest.mark.parametrize('of_node', [estimator_configuration, fusion_configuration])
+def test_arms_of_one_model_may_differ_in_their_direction_of_gravity(of_node):
+    configured = (
+        of_node.configured_estimator
+        if of_node is estimator_configuration
+        else of_node.configured_fusion
+    )
+    values = of_node.PARAMETERS.completed({})
+    one = configured(values, None)
+    other = configured({**values, 'gravity': '0, -1'}, one)
+    assert other != one
 
 
 def test_the_shipped_parameters_are_the_defaults():

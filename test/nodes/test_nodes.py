@@ -27,6 +27,7 @@ from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.offline.replay import input_topics, steps
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
@@ -525,6 +526,13 @@ def test_another_model_is_used_and_a_bad_one_is_not(peer, tmp_path):
         assert answer.success, answer.message
         assert answer.message.endswith(model_name(file))
         assert json.loads(peer.model_info())['length'] == 0.12
+
+        turning = dataclasses.replace(arm, name='mine', gravity=gravity_of('world'))
+        save_model(turning, file, overwrite=True)
+        answer = peer.trigger('reload_model')  # nobody subscribed to the frames that it needs
+        assert not answer.success and 'world' in answer.message
+        assert json.loads(peer.model_info())['length'] == 0.12
+        expect_estimate(peer, 100.3)
 
         refused = peer.set(model_file=str(tmp_path / 'nothing.yaml'))
         assert not refused.successful

@@ -18,13 +18,7 @@ from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.nodes.arm_configuration import arm_of, ArmConfiguration
-from pneunet_ros.nodes.parameters import (
-    check_source,
-    EFFECTS_PATH,
-    GRAVITY,
-    ParameterTable,
-    SHIPPED_MODEL,
-)
+from pneunet_ros.nodes.parameters import EFFECTS_PATH, GRAVITY, ParameterTable, SHIPPED_MODEL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +132,4 @@ def configured_estimator(
     """
     node, settings = PARAMETERS.settings(values)
     arm = arm_of(node, current)
-    found = EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
-    if current is not None:
-        check_source(found.estimator.gravity, current.estimator.gravity)
-    return found
+    return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))

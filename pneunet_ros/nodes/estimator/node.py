@@ -39,6 +39,7 @@ from pneunet_ros.nodes.estimator.configuration import (
 )
 from pneunet_ros.nodes.estimator.warm_up import warm_up
 from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
+from pneunet_ros.nodes.parameters import check_source
 from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import has_message, RCLPY_TYPES, serialize
@@ -99,6 +100,10 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
                 takes[sensor] = take
         subscribe_in_order(self, takes)
         self.log_ready()
+
+    def check_inputs(self, new: EstimatorConfiguration) -> None:
+        """Reject another source of gravity, whose topics were not subscribed to."""
+        check_source(new.estimator.gravity, self.configuration.estimator.gravity)
 
     def take_gravity(self, sensor: Input[Any], message: Any, info: dict[str, int]) -> None:
         """Take a message with the direction of gravity."""

@@ -14,13 +14,7 @@ from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.nodes.arm_configuration import arm_of, ArmConfiguration
-from pneunet_ros.nodes.parameters import (
-    check_source,
-    EFFECTS_PATH,
-    GRAVITY,
-    ParameterTable,
-    SHIPPED_MODEL,
-)
+from pneunet_ros.nodes.parameters import EFFECTS_PATH, GRAVITY, ParameterTable, SHIPPED_MODEL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,6 +129,4 @@ def configured_fusion(
     node, sensors = PARAMETERS.settings(values)
     arm = arm_of(node, current)
     fusion = Fusion(arm=arm, sensors=sensors, settings=node.fusion)
-    if current is not None:
-        check_source(fusion.gravity, current.fusion.gravity)
     return FusionConfiguration(node=node, fusion=fusion)

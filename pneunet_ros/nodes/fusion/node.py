@@ -30,6 +30,7 @@ from pneunet_ros.nodes.fusion.configuration import (
 )
 from pneunet_ros.nodes.fusion.warm_up import warm_up
 from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
+from pneunet_ros.nodes.parameters import check_source
 from pneunet_ros.nodes.pressure_zero import PressureZero
 from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import has_message, RCLPY_TYPES, serialize
@@ -82,6 +83,10 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self, {sensor: partial(self.take, sensor, topics[sensor.name]) for sensor in inputs}
         )
         self.log_ready()
+
+    def check_inputs(self, new: FusionConfiguration) -> None:
+        """Reject another source of gravity, whose topics were not subscribed to."""
+        check_source(new.fusion.gravity, self.configuration.fusion.gravity)
 
     def take(self, sensor: Input[Any], topic: str, message: Any, info: dict[str, int]) -> None:
         """Process a message, and publish its estimate if there is one."""
