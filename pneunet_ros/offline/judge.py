@@ -129,7 +129,7 @@ class Verdicts:
                 'declared': item.declared.words,
                 'likely': (item.other if item.contradicted else item.declared).words,
                 'log_odds': item.log_odds,
-                'contradicted': item.contradicted,
+                'doubted': item.contradicted,
                 'settings': item.changes if item.contradicted else {},
             }
             for name, item in found.items()

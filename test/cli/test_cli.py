@@ -448,7 +448,7 @@ def test_a_recording_in_kilopascals_is_asked_for(run, run_json, recording, tmp_p
     assert '--pressure-unit' in run('replay', path, *fuse)[1]
     assert run_json('replay', path, *fuse, '--pressure-unit', 'kPa')[0] == 0
     assert run_json('replay', path, *fuse, '--no-judge-readings')[0] == 0
-    assert not run_json('replay', recording)[1]['verdicts']['pressure']['contradicted']
+    assert not run_json('replay', recording)[1]['verdicts']['pressure']['doubted']
 
 
 def test_replay_has_every_setting_as_an_option_with_its_default(run):

@@ -45,7 +45,7 @@ def run(arguments: Namespace) -> int:
     content = {'model': request.arm.name, 'recordings': found}
     verb.present(arguments, content, lambda console: show(found, console))
     verdicts = [verdict for content in found for verdict in content['verdicts'].values()]
-    return verb.NEGATIVE if any(verdict['contradicted'] for verdict in verdicts) else verb.DONE
+    return verb.NEGATIVE if any(verdict['doubted'] for verdict in verdicts) else verb.DONE
 
 
 def show(recordings: list[dict[str, Any]], console: Console) -> None:
