@@ -21,6 +21,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.bag_folder import METADATA, own_files
+from pneunet_ros.recordings.limits import LARGEST_CHUNK
 from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME
 from pneunet_ros.recordings.mcap_records import MESSAGE_HEAD, RECORD_HEAD, write_checksums
 from pneunet_ros.recordings.message_store import IDL_HEAD, ROSBAGS_TYPES, serialize, store_for
@@ -62,6 +63,9 @@ class MessageStorage(McapWriter):
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Write a message, six times as fast as field by field."""
+        filled = self.chunk.bio.tell()
+        if filled and filled + MESSAGE.size + len(data) > LARGEST_CHUNK:
+            self.close_chunk()
         chunk = self.chunk
         chunk.message_start_time = min(timestamp, chunk.message_start_time)
         chunk.message_end_time = max(timestamp, chunk.message_end_time)

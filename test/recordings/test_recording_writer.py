@@ -13,9 +13,10 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.recordings.limits import LARGEST_CHUNK
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording import open_recording
-from pneunet_ros.recordings.recording_writer import MessageStorage, write_recording
+from pneunet_ros.recordings.recording_writer import CHUNK, MessageStorage, write_recording
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
@@ -132,6 +133,16 @@ def test_a_type_of_the_lab_is_copied_with_its_definition(tmp_path):
     (message,) = open_recording(tmp_path / 'out.mcap').messages(['/volts'])
     assert message.message.volts == 31e3
     assert plain(message.message.header) == plain(header(5))
+
+
+def test_the_largest_message_may_follow_small_ones(tmp_path):
+    sizes = [CHUNK // 2, LARGEST_CHUNK - CHUNK // 4]
+    with write_recording(tmp_path / 'r.mcap') as writer:
+        handle = writer.add(PRESSURE, PRESSURE_TYPE)
+        for size in sizes:
+            writer.write_raw(handle, size, bytes(size))
+    recording = open_recording(tmp_path / 'r.mcap')
+    assert [len(raw) for _, _, raw in recording.raw_messages([PRESSURE])] == sizes
 
 
 def test_a_recording_without_messages_is_one(tmp_path):
