@@ -33,6 +33,8 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
             if item.datatype in _KINDS and item.count == 1
         ]
     point = point_type(tuple(fields), point_step)
+    if point_step < 1 and width:
+        raise MessageError(f'points of {point_step} bytes hold no numbers', reason='wrong_shape')
     needed = (height - 1) * row_step + width * point_step if height and width else 0
     if row_step < width * point_step and height > 1:
         raise MessageError(

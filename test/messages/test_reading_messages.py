@@ -54,7 +54,7 @@ def cloud(fields=FIELDS, size=24, *, ids=(0, 1, 2, 3), frame_id=BASE, rows=1, pa
             make(name=name, offset=offset, datatype=DATATYPES[kind[1:]], count=1)
             for name, kind, offset in fields
         ],
-        'is_bigendian': fields[0][1][0] == '>',
+        'is_bigendian': any(kind[0] == '>' for _, kind, _ in fields),
         'point_step': size,
         'row_step': width * size + padding,
         'data': raw,
@@ -143,6 +143,12 @@ def test_points_are_read_however_they_are_laid_out(message):
         (cloud(width=2**32 - 1), 'cannot hold'),
         (cloud(width=0), 'there are 0 points'),
         (cloud(point_step=0), 'does not lie within the 0 bytes'),
+        (
+            cloud(
+                [], 0, height=10**5, width=2**32 - 1, row_step=1, data=np.zeros(10**5, np.uint8)
+            ),
+            'points of 0 bytes',
+        ),
         (cloud(point_step=2**32 - 1), 'a point of 4294967295 bytes is not possible'),
     ],
 )
