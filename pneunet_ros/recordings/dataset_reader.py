@@ -87,13 +87,20 @@ def read_run(
         topics[END_WRENCH.name] = by_string
     series = read_series(recording, topics, settings, targets)
     sentences = [*recording.sentences]
-    for item in series.values():
-        if not len(item.stamp_ns):
-            why = '; '.join(item.sentences()) or 'the topic is empty'
+    seen = series.get(TARGETS.name)
+    for name, item in tuple(series.items()):
+        if len(item.stamp_ns):
+            sentences += item.sentences()
+            continue
+        why = '; '.join(item.sentences()) or 'the topic is empty'
+        if name != TIP_POSE.name or seen is None or not len(seen.stamp_ns):
             raise RecordingError(
                 f'{path}: {item.topic} contains nothing usable: {why}', reason='nothing_usable'
             )
-        sentences += item.sentences()
+        sentences.append(
+            Note(f'{item.topic} was not used, only targets: {why}', reason='nothing_usable')
+        )
+        del series[name], topics[name]
 
     readings, wrench = series.get(PRESSURE.name), series.get(END_WRENCH.name)
     frames, points, pose = _frames(series, targets)

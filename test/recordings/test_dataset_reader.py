@@ -7,11 +7,12 @@ import math
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.messages.readings import PRESSURE
+from pneunet_ros.messages.readings import PRESSURE, tip_pose_message
 from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recorded_series import nearest, ReadingSeries
 import pytest
-from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
+from support.recorded_datasets import BASE, MS, pressure, readings, record, START, targets, wrench
 from support.refusals import reasons, refused
 
 
@@ -216,6 +217,18 @@ def test_without_a_pressure_topic_there_is_no_pressure(tmp_path, said):
     assert not run.frame_pressure.any()
     assert np.array_equal(run.stamp_ns, whole.stamp_ns)
     assert 'no_pressure' in reasons(sentences)
+
+
+def test_a_tip_that_was_never_measured_is_left_out(tmp_path, said):
+    unseen = ('tip_pose', START, tip_pose_message(START, [0.0, 0.0, 0.0], 'cell', ROSBAGS_TYPES))
+    run, sentences = read_run(record(tmp_path / 'r.mcap', [*said, unseen]), 3)
+    assert run.tip_pose is None
+    assert run.tip_frame == BASE
+    assert len(run.stamp_ns) == 10
+    assert reasons(sentences) == ['nothing_usable']
+    rest = [entry for entry in said if entry[0] != 'targets']
+    with refused(RecordingError, 'nothing_usable'):
+        read_run(record(tmp_path / 's.mcap', [*rest, unseen]), 3)
 
 
 def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path):

@@ -12,6 +12,7 @@ from pneunet_ros.messages.readings import (
     pressure_message,
     PRESSURE_TYPE,
     targets_message,
+    TIP_POSE,
     wrench_message,
     WRENCH_TYPE,
 )
@@ -22,7 +23,12 @@ BASE = 'pneunet_base'
 START = 1_000_000_000_000
 MS = 1_000_000
 SPACING = 0.02  # m between the targets
-TYPES = {'pressure': PRESSURE_TYPE, 'end_wrench': WRENCH_TYPE, 'targets': POINTS_TYPE}
+TYPES = {
+    'pressure': PRESSURE_TYPE,
+    'end_wrench': WRENCH_TYPE,
+    'targets': POINTS_TYPE,
+    'tip_pose': TIP_POSE.type,
+}
 
 
 def pressure(stamp_ns: int, value: float) -> Any:
