@@ -373,7 +373,7 @@ class Fusion:
                 moment=0.0,
                 frame_id=self.sensors.frame_id,
             )
-            return NearWrench(reading=zero, age=0.0, std=self.arm.sensors.force_std)
+            return NearWrench(reading=zero, age=0.0, std=0.0)
         if not state.force.kept or (with_targets and not self.force_noise_is_known(state)):
             return None
         wrench = nearest_to(state.force.kept, stamp_ns)

@@ -140,7 +140,7 @@ class PreparedModel:
 
     def inputs_at(self, instant: PressureInstant, wrench: NearWrench | None) -> FrameInputs:
         """Return the inputs of the arm and their derivatives by the columns of the covariance."""
-        std = 0.0 if wrench is None else self.arm.sensors.moment_std
+        std = 0.0 if wrench is None or self.settings.free_tip else self.arm.sensors.moment_std
         columns = self.unknowns.law_columns
         by_column = np.zeros(columns)
         if self.arm.sensing:

@@ -186,6 +186,7 @@ def test_a_tip_that_is_free_by_setting_needs_no_force_sensor():
     assert all(one is not None and not one.ambiguous for one in contacts)
     assert np.median([abs(one.force - FORCE) for one in contacts]) < 0.04 * abs(FORCE)
     assert np.median([abs(one.arclength - 0.9 * arm().length) for one in contacts]) < 1.5e-3
+    assert all(np.abs(one.force).max() < 1e-5 for one in found)  # N: it has no force at all
 
 
 def test_the_point_says_what_was_found_and_there_is_none_without_a_contact():
