@@ -26,6 +26,7 @@ from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
 import pytest
+import scipy
 from support.lab_run import run_of, true_model
 from support.refusals import refused
 
@@ -155,10 +156,12 @@ def test_a_weight_that_is_too_large_is_named():
     assert 0.0 <= fit_motion(heavier(2.0), [run], trusted_error=0.3).motion.tip_mass < 1e-4
 
 
-def test_errors_count_a_period_as_one_observation():
+def linear_problem(frames: int):
+    """Return a problem of one target, ten frames per second, and an arm of 1 Hz."""
+
     class Run:
-        stamp_ns = np.arange(40) * 10**8
-        reading = np.arange(40)
+        stamp_ns = np.arange(frames) * 10**8
+        reading = np.arange(frames)
 
     class Problem:
         runs, std = (Run(),), 1.0
@@ -166,9 +169,35 @@ def test_errors_count_a_period_as_one_observation():
         nuisance, covariance = None, None
         whitened = MotionProblem.whitened
         without_nuisance = MotionProblem.without_nuisance
+        period = MotionProblem.period
 
+    return Problem()
+
+
+def test_errors_count_a_period_as_one_observation():
     jacobian = np.ones((80, 1))
     alike = np.repeat([1.0, -1.0, 1.0, -1.0], 20).reshape(40, 2, 1)
     apart = np.tile([1.0, -1.0], 40).reshape(40, 2, 1)
-    assert standard_errors(Problem(), jacobian, [alike])[0] == pytest.approx(0.5, rel=1e-9)
-    assert standard_errors(Problem(), jacobian, [apart])[0] == pytest.approx(0.0, abs=1e-12)
+    longer = np.repeat([1.0, -1.0], 40).reshape(40, 2, 1)
+
+    def error(residuals, mass):
+        return standard_errors(linear_problem(40), jacobian, [residuals], mass)[0]
+
+    assert error(alike, 0.0) == pytest.approx(0.5 * 2.0**0.25, rel=1e-9)
+    assert error(apart, 0.0) == pytest.approx(0.0, abs=1e-12)
+    assert error(longer, 3.0) == pytest.approx(2.0**-0.5 * 2.0**0.25, rel=1e-9)
+    assert error(alike, 3.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_errors_are_those_of_the_loss_of_the_search():
+    """With the residuals as they are, they are 19 % too small for white noise."""
+    random, sine = np.random.default_rng(1), np.sin(np.arange(800.0))
+    found, stated = [], []
+    for noise in random.standard_normal((200, 800)):
+        fit = scipy.optimize.least_squares(
+            lambda slope, noise=noise: noise - slope * sine, [0.0], loss='soft_l1'
+        )
+        residuals = [(noise - fit.x * sine).reshape(400, 2, 1)]
+        found.append(fit.x[0])
+        stated.append(standard_errors(linear_problem(400), fit.jac, residuals, 0.0)[0])
+    assert np.mean(stated) == pytest.approx(np.std(found), rel=0.1)

@@ -104,7 +104,9 @@ def fit_motion(
     while True:
         problem = problem.with_nuisance(perturbed_arms, runs, start)
         fitted = problem.search(start)
-        released = problem.without_held_frames(problem.residuals(problem.simulate(fitted.x)[0]))
+        released = problem.without_held_frames(
+            problem.residuals(problem.simulate(fitted.x)[0]), float(fitted.x[0])
+        )
         if released is None:
             break
         problem, start = released, released.initial_parameters(0.0, 0.1)
@@ -127,7 +129,7 @@ def fit_motion(
             'its range within 0.1 s, or pluck the arm and let it go',
             reason='not_in_motion',
         )
-    errors = standard_errors(problem, fitted.jac, residuals)
+    errors = standard_errors(problem, fitted.jac, residuals, float(fitted.x[0]))
     tip_mass, damping_time = problem.motion(fitted.x)
     mass_error, damping_error = (
         math.hypot(errors[0] / max(1.0 + float(fitted.x[0]), 1.0), MODEL_ERROR),
@@ -180,11 +182,10 @@ def predicted_motion(
     """
     problem = motion_problem(arm, runs)
     while True:
-        deviations, at_rest = problem.simulate(
-            problem.with_fitted_starts(problem.parameters_of(motion))
-        )
+        parameters = problem.with_fitted_starts(problem.parameters_of(motion))
+        deviations, at_rest = problem.simulate(parameters)
         residuals = problem.residuals(deviations)
-        released = problem.without_held_frames(residuals)
+        released = problem.without_held_frames(residuals, float(parameters[0]))
         if released is None:
             break
         problem = released
@@ -205,14 +206,26 @@ def without_swing(arm: Arm, motion: Motion, runs: Sequence[RecordingData]) -> li
     ]
 
 
-def standard_errors(problem: MotionProblem, jacobian: Array, residuals: Sequence[Array]) -> Array:
+def standard_errors(
+    problem: MotionProblem, jacobian: Array, residuals: Sequence[Array], mass: float
+) -> Array:
     """Return the standard errors of the parameters.
 
     Residuals are correlated from frame to frame, because the statics are not exact: the frames of
     one period of the arm count as one observation. Source: cluster-robust covariance, Liang and
     Zeger, Biometrika 73 (1986).
+
+    Args:
+        problem: the recordings.
+        jacobian: as `MotionProblem.search` returns it, scaled by (1 + z)^(-3/4) for the loss,
+            where z are the squared residuals in units of the noise.
+        residuals: per run, (frames, 2, targets) m.
+        mass: fitted mass at the tip, in units of the effective mass of the arm.
+
+    Returns:
+        Standard errors, in the order of the parameters.
     """
-    period = 2.0 * np.pi / float(problem.modes.frequency[0])
+    period = problem.period(mass)
     blocks, first = [], 0
     for which, (run, residual) in enumerate(zip(problem.runs, residuals, strict=True)):
         seconds = (run.stamp_ns[run.reading] - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
@@ -221,6 +234,8 @@ def standard_errors(problem: MotionProblem, jacobian: Array, residuals: Sequence
         first = int(block[-1]) + 1 if which + 1 < len(problem.runs) else first
     whitened, _ = problem.without_nuisance(problem.whitened(residuals))
     jacobian = jacobian[: len(whitened)]
+    # The score is the true Jacobian times the residual times (1 + z)^(-1/2).
+    whitened = whitened * (1.0 + whitened**2) ** 0.25
     scores = np.zeros((int(np.concatenate(blocks).max()) + 1, jacobian.shape[1]))
     np.add.at(scores, np.concatenate(blocks), jacobian * whitened[:, None])
     bread = np.linalg.pinv(jacobian.T @ jacobian)

@@ -89,6 +89,11 @@ class MotionProblem:
             return own._replace(tip=self.effective_mass * mass)
         return own._replace(mass=freeze(own.mass * max(1.0 + mass, LEAST_MASS)))
 
+    def period(self, mass: float) -> float:
+        """Return the period (s) of the slowest vibration with this mass at the tip."""
+        heavier = math.sqrt(max(1.0 + mass, LEAST_MASS))
+        return 2.0 * math.pi * heavier / float(self.modes.frequency[0])
+
     def initial_parameters(self, mass: float, ratio: float) -> Array:
         """Return initial parameters: tip mass as a share of the effective mass; damping ratio."""
         frequency = float(self.modes.frequency[0]) / math.sqrt(1.0 + mass)
@@ -243,13 +248,16 @@ class MotionProblem:
             max_nfev=MOST_STEPS,
         )
 
-    def without_held_frames(self, residuals: Sequence[Array]) -> MotionProblem | None:
+    def without_held_frames(
+        self, residuals: Sequence[Array], mass: float
+    ) -> MotionProblem | None:
         """Remove the frames in which plucked arms were still held; None if there are none.
 
-        residuals: per run. If the arm was released after the last large swing, some frames within
-        the first period fit no free swing: their residuals are larger than later ones.
+        residuals: per run; mass: at the tip. If the arm was released after the last large swing,
+        some frames within the first period fit no free swing: their residuals are larger than
+        later ones.
         """
-        period = 2.0 * np.pi / float(self.modes.frequency[0]) * NANOSECONDS_PER_SECOND
+        period = self.period(mass) * NANOSECONDS_PER_SECOND
         runs = list(self.runs)
         for which, (run, residual) in enumerate(zip(self.runs, residuals, strict=True)):
             if not run.plucked:
