@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.checks.held_out import Score, score
+from pneunet_ros.calibration.checks.preconditions import same_pressure
 from pneunet_ros.calibration.checks.resolution import Resolution
 from pneunet_ros.calibration.first_curvature import first_curvature
 from pneunet_ros.calibration.hyperparameters import most_likely_parameters, structures
@@ -339,7 +340,10 @@ class FitSequence:
         loaded: bool,
     ) -> Fit:
         """Fit new recordings with the earlier posterior as the prior, on the earlier tables."""
-        beyond = EXTRAPOLATION * (earlier.high - earlier.low)
+        beyond = max(
+            EXTRAPOLATION * (earlier.high - earlier.low),
+            same_pressure(self.frame, self.settings.resolution),
+        )
         if self.low < earlier.low - beyond or self.high > earlier.high + beyond:
             raise RequestError(
                 f'the new recordings span {kilopascals(self.low):.4g} to '

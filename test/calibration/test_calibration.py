@@ -239,6 +239,21 @@ def test_what_cannot_be_continued_is_refused():
         calibrate(free, [], PAPER, kind='cubic')
 
 
+def test_one_pressure_is_continued_at_the_same_within_its_noise():
+    law = LinearLaw(bending_stiffness=3e-4)
+    truth, force = replace(PAPER, moment_law=law), np.zeros((12, 2))
+    force[:, 1] = np.linspace(-0.02, 0.02, 12)
+    runs = [
+        made(truth, np.full(12, pressure), force, noise=USUAL, seed=seed)
+        for seed, pressure in enumerate((20e3, 20.02e3, 21e3))
+    ]
+    first = calibrate([], runs[:1], truth)
+    frame = replace(truth, sensors=first.arm.sensors)
+    assert calibrate([], runs[1:2], frame, earlier=first.posterior).joint.converged
+    with refused(RequestError, 'out_of_range'):
+        calibrate([], runs[2:], frame, earlier=first.posterior)
+
+
 def test_the_range_is_that_of_the_chamber():
     free, _ = noisy()
     frame = paper_arm((PressureOffset(offset=5e3),))
