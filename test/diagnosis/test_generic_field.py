@@ -87,7 +87,8 @@ def test_a_stretch_is_that_of_an_arm_without_a_load():
     series = ForwardModel(arm.target_arclength)
     series.solve(arm, inputs)
     theta = series.fields[:, THETA]
-    found = stretch_fields(arm.target_arclength / arm.length, theta, 1)[:, :, 0] * arm.length
+    share = arm.target_arclength / arm.length
+    found = stretch_fields(share, theta, arm.clamp_angle, 1)[:, :, 0] * arm.length
 
     def stretched(size: float) -> Array:
         effect = PressureElongation(strain_per_pascal=size)
@@ -102,12 +103,18 @@ def test_a_stretch_is_that_of_an_arm_without_a_load():
 def test_a_stretch_mode_moves_points_of_a_straight_arm_along_it(mode):
     share = np.linspace(0.0, 1.0, 201)
     angle = 0.3
-    found = stretch_fields(share, np.full((2, share.size), angle), 3)[:, :, mode]
+    found = stretch_fields(share, np.full((2, share.size), angle), angle, 3)[:, :, mode]
     whole = legendre.legint(np.eye(3)[mode], scl=0.5, lbnd=-1.0)
     moved = legendre.legval(2.0 * share - 1.0, whole)
     for frame in range(2):
         assert found[frame, :201] == pytest.approx(moved * np.cos(angle), abs=1e-4)
         assert found[frame, 201:] == pytest.approx(moved * np.sin(angle), abs=1e-4)
+
+
+@pytest.mark.parametrize('share', [[0.5, 1.0], [1.0]])
+def test_a_stretch_begins_at_the_clamp_and_not_at_the_first_target(share):
+    found = stretch_fields(np.array(share), np.zeros((1, len(share))), 0.0, 1)[0, :, 0]
+    assert found == pytest.approx([*share, *np.zeros(len(share))])
 
 
 def test_a_turn_is_about_the_clamp():

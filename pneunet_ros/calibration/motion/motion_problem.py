@@ -248,9 +248,7 @@ class MotionProblem:
             max_nfev=MOST_STEPS,
         )
 
-    def without_held_frames(
-        self, residuals: Sequence[Array], mass: float
-    ) -> MotionProblem | None:
+    def without_held_frames(self, residuals: Sequence[Array], mass: float) -> MotionProblem | None:
         """Remove the frames in which plucked arms were still held; None if there are none.
 
         residuals: per run; mass: at the tip. If the arm was released after the last large swing,

@@ -29,12 +29,14 @@ SINGLE_REGRESSORS = ('p', 'F1', 'F2')
 class Regressors:
     """Inputs of the arm in every frame of all runs, scaled to about one: names and numbers.
 
-    arclength (targets,) and knots (k,) s / l; values: per run (frames, n); progress: per run
-    (frames,) from 0 at its start to 1 at its end. Static frames have no time and no past.
+    arclength (targets,) and knots (k,) s / l; clamp_angle rad; values: per run (frames, n);
+    progress: per run (frames,) from 0 at its start to 1 at its end. Static frames have no time and
+    no past.
     """
 
     arclength: Array
     knots: Array
+    clamp_angle: float
     names: tuple[str, ...]
     values: tuple[Array, ...]
     progress: tuple[Array, ...]
@@ -80,6 +82,7 @@ class Regressors:
         return cls(
             arclength=arm.target_arclength / arm.length,
             knots=arm.intrinsic_curvature.arclength,
+            clamp_angle=arm.clamp_angle,
             names=tuple(in_order[0]) if in_order else (),
             values=tuple(np.column_stack(list(table.values())) for table in in_order),
             progress=tuple(progress[which] for which in range(len(runs))),
@@ -152,7 +155,9 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     curvature = knots @ legendre.legvander(
         2.0 * regressors.knots - 1.0, LINEARIZATION.curvature_modes - 1
     )
-    stretch = stretch_fields(regressors.arclength, theta, LINEARIZATION.stretch_modes)
+    stretch = stretch_fields(
+        regressors.arclength, theta, regressors.clamp_angle, LINEARIZATION.stretch_modes
+    )
     # About the clamp: the way from there, turned by a right angle.
     rotation = np.concatenate([-stretch[:, targets:, :1], stretch[:, :targets, :1]], axis=1)
     names, parts, past = [], [], past_name(LINEARIZATION.field_memory)
@@ -178,18 +183,19 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     )
 
 
-def stretch_fields(arclength: Array, theta: Array, count: int) -> Array:
+def stretch_fields(arclength: Array, theta: Array, clamp_angle: float, count: int) -> Array:
     """Return the response of points to stretch modes, (frames, 2 targets, count), over length.
 
     arclength (targets,) s / l; theta (frames, targets) rad: the displacement along the tangent is
-    integrated by the trapezoidal rule from target to target.
+    integrated by the trapezoidal rule from the clamp, which has clamp_angle (rad), to the first
+    target, and from target to target.
     """
+    arclength = np.concatenate([[0.0], arclength])
+    theta = np.insert(theta, 0, clamp_angle, axis=1)
     modes = legendre.legvander(2.0 * arclength - 1.0, count - 1)
     parts = []
     for tangent in (np.cos(theta), np.sin(theta)):
         density = tangent[:, :, None] * modes
         steps = 0.5 * (density[:, 1:] + density[:, :-1]) * np.diff(arclength)[:, None]
-        integral = np.zeros_like(density)
-        integral[:, 1:] = np.cumsum(steps, axis=1)
-        parts.append(integral)
+        parts.append(np.cumsum(steps, axis=1))
     return np.concatenate(parts, axis=1)
