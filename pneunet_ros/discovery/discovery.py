@@ -370,8 +370,12 @@ def cause_map(search: Search, base: Trial) -> CauseMap:
 def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
     """Return the objections to the law of a finding."""
     base, found = fits.base, []
-    p_value = split_p_value(finding.suspect, fits.search, fits.selection.seed)
-    if p_value > CONFIRMATION.level:
+    count = len(fits.search.runs)
+    if count < CONFIRMATION.fewest_runs:
+        found.append(f'{count} training recordings cannot confirm it')
+    elif (
+        p_value := split_p_value(finding.suspect, fits.search, fits.selection.seed)
+    ) > CONFIRMATION.level:
         found.append(
             f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
         )

@@ -7,7 +7,12 @@ from types import SimpleNamespace
 
 from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.discovery import discovery as searched
-from pneunet_ros.discovery.discovery import overrule, predicts_better, untestable_law
+from pneunet_ros.discovery.discovery import (
+    objections_to,
+    overrule,
+    predicts_better,
+    untestable_law,
+)
 from pneunet_ros.discovery.result import Discovery
 import pytest
 
@@ -81,6 +86,20 @@ def test_of_few_recordings_a_name_gives_way_to_a_law_beside_it(recordings, evide
     assert bool(said) is gives_way
     # An unknown that has no name: nothing gives way.
     assert untestable_law(SimpleNamespace(selection=selection, base=named), named, best) == ''
+
+
+@pytest.mark.parametrize(('recordings', 'confirmed'), [(2, False), (3, False), (4, True)])
+def test_few_recordings_do_not_confirm_a_law(monkeypatch, recordings, confirmed):
+    monkeypatch.setattr(searched, 'split_p_value', lambda *_: 0.0)
+    first = SimpleNamespace()
+    fits = SimpleNamespace(
+        base=first,
+        first=first,
+        search=SimpleNamespace(runs=range(recordings)),
+        selection=SimpleNamespace(seed=0),
+    )
+    found = objections_to(SimpleNamespace(suspect=None, share=1.0, proposal=None), fits)
+    assert found == (() if confirmed else (f'{recordings} training recordings cannot confirm it',))
 
 
 @pytest.mark.parametrize(('answer', 'asked'), [('unknown', True), ('named', False)])
