@@ -109,7 +109,7 @@ def covariates_of(linearization: Linearization) -> tuple[Covariate, ...]:
 
 
 def covariate_table(linearization: Linearization, which: int) -> dict[str, Array]:
-    """Return all covariates of a run, (frames,) in SI, of readings without noise."""
+    """Return all covariates of a run, (frames,) in SI, of filtered readings."""
     block = linearization.blocks[which]
     run, inputs = linearization.known_inputs.filtered[which].run, block.inputs
     pressure, (f1, f2) = inputs.pressure, inputs.loads[:, :2].T

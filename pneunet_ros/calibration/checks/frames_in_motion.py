@@ -114,7 +114,7 @@ class FramesInMotion:
     def left_out(self) -> Note:
         """Describe the frames left out of a static fit, and the remedy."""
         return Note(
-            f'{self.sentence}and were left out, because the fit is static. Change pressure and '
+            f'{self.sentence} and were left out, because the fit is static. Change pressure and '
             'load slowly, or wait for the arm to settle; calibrate --motion fits mass and '
             'damping to such frames',
             reason='in_motion',

@@ -206,7 +206,8 @@ def arc_tip(arm: Arm, curvature: Array) -> Places:
 def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
     """Return the position of the last target, x + i y (m), and the heading there (rad).
 
-    The arm is unloaded; NaN without an equilibrium. The target placement is that of the fit.
+    The arm is unloaded. Without an equilibrium the position is NaN, but not the heading. Target
+    placement and camera position are those of the fit.
     """
     model = ForwardModel(fit.arm.target_arclength[[0, -1]])
     inputs = Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
