@@ -228,13 +228,16 @@ def calibrate_as_stamped(
     left_out = None
     if resolution.free_shapes is not None and not loaded and earlier is None:
         left_out = leave_levels_out(unloaded, free, fits.first_experiment)
-    posterior = joint.posterior(*fits.span(earlier))
     notes = undetermined_quantities(joint)
-    joint = consider_nonuniformity(joint, settings.resolution, shown=resolution.shapes)
-    if left_out is not None:
-        joint = joint.widened(left_out.excess)
-    if recordings is not None:
-        joint = joint.widened(recordings.excess)
+    # A continued calibration estimates the nonuniformity again, but leaves nothing out again.
+    kept, joint = (
+        joint,
+        consider_nonuniformity(joint, settings.resolution, shown=resolution.shapes),
+    )
+    for found in (left_out, recordings):
+        if found is not None:
+            kept, joint = kept.widened(found.excess), joint.widened(found.excess)
+    posterior = kept.posterior(*fits.span(earlier))
     if loaded:
         on_progress('stiffness along the arm', fits.done, fits.planned)
     variation = stiffness_variation(joint, noise.noise)

@@ -95,6 +95,17 @@ def test_a_left_out_pressure_is_in_the_error_bars(by_angle):
     assert np.linalg.eigvalsh(added).min() > -1e-9
 
 
+def test_error_bars_that_were_widened_stay_so_where_a_calibration_goes_on():
+    pose = poses()
+    pose[:, :2] = np.nan
+    pose[len(pose) // 2, 2] += 0.2  # rad: one level contradicts the others
+    found = calibrate([recorded(pose)], [], ARM)
+    more = found.left_out.excess
+    assert more.any()
+    kept = found.posterior.covariance[: len(more), : len(more)]
+    assert np.linalg.eigvalsh(kept - more @ more.T).min() > 0.0
+
+
 @pytest.fixture(scope='module', params=[0.0, 0.15])
 def by_tip(request):
     pose = poses(request.param)
