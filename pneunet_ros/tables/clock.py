@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import date
 from decimal import Decimal
+import math
 from pathlib import Path
 import re
 
@@ -30,21 +31,36 @@ def is_time(text: str) -> bool:
 class Clock:
     """Parses successive dates and times of day; times without a date may cross midnight."""
 
-    __slots__ = ('_days', '_midnights', 'latest')
+    __slots__ = ('_days', '_midnights', '_orders', '_shifts', 'latest')
 
     def __init__(self) -> None:
         """Start on the first day."""
         self.latest: Decimal | None = None
         self._midnights: list[int] = []
         self._days = 0
+        self._orders = _Order(), _Order()  # the day before the month, the month before the day
+        self._shifts: dict[int, int] = {}  # s from the first order to the second, by line
 
     def seconds(self, text: str, line: int) -> str:
-        """Return seconds (since 1970 if there is a date), or the text if it is not a time."""
+        """Return seconds (since 1970 if there is a date), or the text if it is not a time.
+
+        A date that can be read in both orders is read with the day first; see `shifts`.
+        """
         match = _TIME_OF_DAY.fullmatch(text)
-        seconds = None if match is None else _clock_seconds(match)
-        if match is None or seconds is None:
+        if match is None:
             return text
-        if not match['date']:
+        seconds = _clock_seconds(match)
+        if match['date']:
+            both = [None if day is None else _DAY * day for day in _days(match['date'])]
+            for order, start in zip(self._orders, both, strict=True):
+                order.take(None if start is None else start + seconds)
+            if not any(order.possible for order in self._orders):
+                return text
+            day_first, month_first = both
+            if day_first is not None and month_first is not None and day_first != month_first:
+                self._shifts[line] = month_first - day_first
+            seconds += (day_first if day_first is not None else month_first) or 0
+        else:
             seconds += _DAY * self._days
             if self.latest is not None and self.latest - seconds > _HALF_A_DAY:
                 self._midnights.append(line)
@@ -52,6 +68,15 @@ class Clock:
                 seconds += _DAY
         self.latest = seconds
         return str(seconds)
+
+    def shifts(self) -> dict[int, int]:
+        """Return seconds to add to the times of these lines, because the month comes first.
+
+        One order holds for all dates: the only possible one, or else the one in which they
+        increase, over less time; the day first if they are all of one day.
+        """
+        day_first, month_first = (order.rank() for order in self._orders)
+        return self._shifts if month_first < day_first else {}
 
     def sentences(self, path: Path) -> tuple[Note, ...]:
         """Report the lines at which a day was added."""
@@ -66,17 +91,37 @@ class Clock:
         )
 
 
-def _clock_seconds(match: re.Match[str]) -> Decimal | None:
-    """Return the time of day in UTC (s); after a date, the seconds since 1970."""
+class _Order:
+    """An order of day and month: whether all dates are possible in it, and how they follow."""
+
+    __slots__ = ('_decreases', '_highest', '_latest', '_lowest', 'possible')
+
+    def __init__(self) -> None:
+        self.possible, self._decreases = True, False
+        self._lowest, self._highest, self._latest = math.inf, -math.inf, -math.inf
+
+    def take(self, seconds: Decimal | None) -> None:
+        """Take the next time; None: its date is not possible."""
+        if seconds is None:
+            self.possible = False
+            return
+        time = float(seconds)
+        self._decreases |= time < self._latest
+        self._lowest, self._highest = min(self._lowest, time), max(self._highest, time)
+        self._latest = time
+
+    def rank(self) -> tuple[bool, bool, float]:
+        """Return what is lowest for the most plausible order."""
+        return not self.possible, self._decreases, self._highest - self._lowest
+
+
+def _clock_seconds(match: re.Match[str]) -> Decimal:
+    """Return the time of day in UTC (s)."""
     hour, minute = int(match['hour']), int(match['minute'])
     if match['half']:
         hour = hour % 12 + (12 if match['half'].lower() == 'pm' else 0)
     seconds = Decimal((match['second'] or '0').replace(',', '.'))
-    try:
-        days = _days(match['date']) if match['date'] else 0
-    except ValueError:
-        return None
-    return _DAY * days + 3600 * hour + 60 * minute + seconds - _zone(match['zone'])
+    return 3600 * hour + 60 * minute + seconds - _zone(match['zone'])
 
 
 def _zone(text: str | None) -> int:
@@ -87,18 +132,24 @@ def _zone(text: str | None) -> int:
     return (-1 if text[0] == '-' else 1) * (3600 * int(digits[:2]) + 60 * int(digits[2:]))
 
 
-def _days(text: str) -> int:
+def _days(text: str) -> tuple[int | None, int | None]:
     """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026, 11/22/2026 or 22-Nov-2026.
 
-    Raises ValueError if the text is not a date.
+    Two numbers: with the day before the month, and with the month before the day, which differ
+    only for 3/4/2026. None if the date is not possible.
     """
     parts = re.split(r'[-./]', text)
     first, second, third = (
         _MONTHS.index(part) + 1 if part.isalpha() else int(part) for part in parts
     )
-    year_first = first > 31
-    year, month, day = (first, second, third) if year_first else (third, second, first)
-    # The American order; both orders last for one day.
-    if '/' in text and not year_first and second > 12:
-        month, day = day, month
-    return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+    if first > 31:
+        return (_days_since_1970(first, second, third),) * 2
+    day_first = _days_since_1970(third, second, first)
+    return day_first, _days_since_1970(third, first, second) if '/' in text else day_first
+
+
+def _days_since_1970(year: int, month: int, day: int) -> int | None:
+    try:
+        return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+    except ValueError:
+        return None

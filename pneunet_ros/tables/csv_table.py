@@ -208,6 +208,12 @@ def _read(
                 exactly[name].append(_exact(path, line, name, text))
     if not lines:
         _no_rows(path, request, list(other_values))
+    shifts = clock.shifts()
+    for row, line in enumerate(lines if shifts else ()):
+        numbers[CLOCK][row] += shifts.get(line, 0)
+        before = exactly[CLOCK][row] if CLOCK in exactly else None
+        if before is not None:
+            exactly[CLOCK][row] = before + shifts.get(line, 0)
     file_names = {name: renamed[place] for name, place in places.items()}
     return CsvTable(
         numbers={name: freeze(np.array(values)) for name, values in numbers.items()},

@@ -595,6 +595,27 @@ def test_dates_and_times_of_day_are_times(tmp_path, clock, seconds):
     assert stamp_ns == [round(seconds * 100) * 10**7]
 
 
+@pytest.mark.parametrize(
+    'times',
+    [
+        ('03/04/2026 23:59:59', '03/05/2026 00:00:00'),  # a month apart if the day comes first
+        ('04/03/2026 23:59:59', '05/03/2026 00:00:00'),
+        ('3/12/2026 23:59:59', '3/13/2026 00:00:00'),  # no month has the number 13
+        ('12/3/2026 23:59:59', '13/3/2026 00:00:00'),
+        ('11/12/2026 23:59:59', '12/12/2026 00:00:00'),
+        ('9/30/2026 23:59:59', '10/1/2026 00:00:00'),
+    ],
+)
+def test_day_and_month_have_one_order_in_a_column(tmp_path, times):
+    rows = ''.join(f'{time};1\n' for time in times)
+    assert np.diff(read(tmp_path, f'Time;kPa\n{rows}').stamp_ns).tolist() == [10**9]
+
+
+def test_dates_in_two_orders_are_refused(tmp_path):
+    with refused(RecordingError, 'not_a_number'):
+        read(tmp_path, 'Time;kPa\n3/13/2026 10:00:00;1\n14/3/2026 10:00:00;1\n')
+
+
 def test_sizes_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_table, 'MOST_ROWS', 2)
     with refused(RecordingError, 'too_large'):
