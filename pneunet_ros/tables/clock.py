@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 import re
 
+from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 
 _LINES_SHOWN = 30
@@ -31,13 +32,14 @@ def is_time(text: str) -> bool:
 class Clock:
     """Parses successive dates and times of day; times without a date may cross midnight."""
 
-    __slots__ = ('_days', '_midnights', '_orders', '_shifts', 'latest')
+    __slots__ = ('_clear', '_days', '_midnights', '_orders', '_shifts', 'latest')
 
     def __init__(self) -> None:
         """Start on the first day."""
         self.latest: Decimal | None = None
         self._midnights: list[int] = []
         self._days = 0
+        self._clear = False
         self._orders = _Order(), _Order()  # the day before the month, the month before the day
         self._shifts: dict[int, int] = {}  # s from the first order to the second, by line
 
@@ -50,6 +52,7 @@ class Clock:
         if match is None:
             return text
         seconds = _clock_seconds(match)
+        self._clear |= any(match[part] for part in ('date', 'second', 'half'))
         if match['date']:
             both = [None if day is None else _DAY * day for day in _days(match['date'])]
             for order, start in zip(self._orders, both, strict=True):
@@ -68,6 +71,15 @@ class Clock:
                 seconds += _DAY
         self.latest = seconds
         return str(seconds)
+
+    def check(self, path: Path) -> None:
+        """Reject times that may be of a stopwatch: no date, no seconds, neither AM nor PM."""
+        if self.latest is not None and not self._clear:
+            raise RecordingError(
+                f'{path}: the times have two numbers, which may be hours and minutes, or minutes '
+                'and seconds: write both as hh:mm:ss, e.g. 00:01:30 for a minute and a half',
+                reason='no_unit',
+            )
 
     def shifts(self) -> dict[int, int]:
         """Return seconds to add to the times of these lines, because the month comes first.

@@ -208,6 +208,7 @@ def _read(
                 exactly[name].append(_exact(path, line, name, text))
     if not lines:
         _no_rows(path, request, list(other_values))
+    clock.check(path)
     shifts = clock.shifts()
     for row, line in enumerate(lines if shifts else ()):
         numbers[CLOCK][row] += shifts.get(line, 0)

@@ -616,6 +616,11 @@ def test_dates_in_two_orders_are_refused(tmp_path):
         read(tmp_path, 'Time;kPa\n3/13/2026 10:00:00;1\n14/3/2026 10:00:00;1\n')
 
 
+def test_times_that_may_be_of_a_stopwatch_are_refused(tmp_path):
+    with refused(RecordingError, 'no_unit'):
+        read(tmp_path, 'Time;kPa\n00:01;1\n00:02;1\n')
+
+
 def test_sizes_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_table, 'MOST_ROWS', 2)
     with refused(RecordingError, 'too_large'):
