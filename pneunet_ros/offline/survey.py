@@ -185,15 +185,15 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
     )
     mark = delimiter(lines[skipped]) if skipped < len(lines) else ','
     reader = csv.DictReader(lines[skipped:], strict=True, skipinitialspace=True, delimiter=mark)
-    names = [str(name).strip().lower() for name in reader.fieldnames or ()]
-    reader.fieldnames = names
-    if 'name' not in names or not set(names) <= set(COLUMNS):
-        raise RequestError(
-            f'{table}: the columns of a table of arms are {", ".join(COLUMNS)}, of which name is '
-            f'required; this table has {", ".join(names[: len(COLUMNS) + 3]) or "none"}',
-            reason='unknown_column',
-        )
     try:
+        names = [str(name).strip().lower() for name in reader.fieldnames or ()]
+        reader.fieldnames = names
+        if 'name' not in names or not set(names) <= set(COLUMNS):
+            raise RequestError(
+                f'{table}: the columns of a table of arms are {", ".join(COLUMNS)}, of which name '
+                f'is required; this table has {", ".join(names[: len(COLUMNS) + 3]) or "none"}',
+                reason='unknown_column',
+            )
         for row in reader:
             if None in row or None in row.values():
                 raise RequestError(
@@ -204,7 +204,7 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
             yield skipped + reader.line_num, {key: value.strip() for key, value in row.items()}
     except csv.Error as error:
         raise RequestError(
-            f'{table}, line {skipped + reader.line_num}: {error}', reason='damaged'
+            f'{table}, line {skipped + reader.line_num + 1}: {error}', reason='damaged'
         ) from error
 
 

@@ -236,7 +236,7 @@ def ask_about_time(
             continue
         if not all(map(_is_number, cells)) or any(map(is_time, cells)):
             continue
-        numbers = [float(plain_number(cell, mark)) for cell in cells]
+        numbers = [float(cell.replace(',', '.', 1)) for cell in cells]
         steps = sorted(after - before for before, after in itertools.pairwise(numbers))
         if steps[0] > 0.0:
             units = '|'.join(SI_PER_UNIT['time'])

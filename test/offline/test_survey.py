@@ -101,6 +101,7 @@ def test_a_table_of_arms_as_a_spreadsheet_writes_it(tmp_path):
         ('name,pressure\na,x\n', 'this table has name, pressure'),
         ('name,unloaded\na\n', 'line 2: the number of cells is not that of the columns'),
         ('name,unloaded\na,"""x"\n', 'line 2: No closing quotation'),
+        ('# arms\n"name,unloaded\na,x\n', 'line 2: unexpected end of data'),
         ('name\n', 'contains no arm'),
         ('', 'this table has none'),
     ],

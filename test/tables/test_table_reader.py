@@ -449,7 +449,9 @@ def test_a_raw_signal_is_to_be_converted_unless_a_pressure_is_there(tmp_path):
             read(tmp_path, f'time_s,{others}\n' + ','.join('0' * (others.count(',') + 2)) + '\n')
 
 
-@pytest.mark.parametrize('order', ['Druck;Zeit\n{0};{1}\n', 'Zeit;Druck\n{1};{0}\n'])
+@pytest.mark.parametrize(
+    'order', ['Druck;Zeit\n{0};{1}\n', 'Zeit;Druck\n{1};{0}\n', 'Zeit,Druck\n"{1}","{0}"\n']
+)
 def test_a_time_of_another_language_is_asked_for_and_no_pressure_that_rises(tmp_path, order):
     head, row = order.splitlines()
     rows = [row.format(f'1{place},5', f'0,{place}') for place in range(5)]
