@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pneunet_ros.core.health import Report, REPORT_PERIOD
+from pneunet_ros.core.stamps import LATEST_STAMP
 from pneunet_ros.core.units import seconds_since
 from pneunet_ros.files.model_file import model_label
 from pneunet_ros.messages.builders import header
@@ -90,7 +91,7 @@ class Diagnostics(ABC):
             hardware_id=self._label,
             values=[pair(key=key, value=value) for key, value in values.items()],
         )
-        stamp = header(self.clock.now_ns, '', types)
+        stamp = header(min(self.clock.now_ns, LATEST_STAMP - 1), '', types)
         array = types(TYPE)(header=stamp, status=[status])
         self._writer.write(self._connection, self.clock.now_ns, array)
 

@@ -8,12 +8,13 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.health import Level
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.stamps import LATEST_STAMP
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.messages.builders import POINTS_TYPE
+from pneunet_ros.messages.builders import nanoseconds, POINTS_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import (
     PRESSURE_TYPE,
@@ -200,6 +201,16 @@ def test_outputs_are_in_the_namespace_of_the_pressure(tmp_path):
     names = {topic.name for topic in open_recording(tmp_path / 'out.mcap').topics}
     own = {f'/left/arm/{item.name}' for item in (*READ, *OUTPUTS)}
     assert names == {*own, '/diagnostics'}
+
+
+def test_a_log_time_that_no_stamp_can_hold_does_not_end_a_replay(tmp_path):
+    """The seconds of a stamp end in January 2038, log times in 2262."""
+    later = 2 * LATEST_STAMP
+    record(tmp_path / 'in.mcap', [(topic, later + time, item) for topic, time, item in readings()])
+    replayed(tmp_path / 'in.mcap', tmp_path / 'out.mcap')
+    (report,) = open_recording(tmp_path / 'out.mcap').messages(['/diagnostics'])
+    assert nanoseconds(report.message.header.stamp) == LATEST_STAMP - 1
+    assert report.log_time_ns == later + stamp_of(len(PRESSURES) - 1) + LATE_NS
 
 
 def test_a_topic_without_namespace_stays_without():
