@@ -21,7 +21,7 @@ import sys
 
 PACKAGE = Path(__file__).parents[1] / 'pneunet_ros'
 SWEEP = Path(__file__).with_name('sweep.csv')
-MOST, MOST_INVENTED = 363, 133  # of the whole package: to be lowered, never raised
+MOST, MOST_INVENTED = 363, 125  # of the whole package: to be lowered, never raised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

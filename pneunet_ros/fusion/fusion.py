@@ -75,10 +75,10 @@ NIS_TIME = 2.0  # s, averaging time of the NIS in the diagnostics
 
 Event = Reading | BaseReading | TargetSightings
 NEAR = 3  # readings on either side for the course of the pressure between two
+USUAL_GAP = 1.5  # times the gap before: longer ones are not interpolated across
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 MOST_AHEAD = 0.1  # s, of a frame before its pressure: more is a note
 NOISE_READINGS = 60  # latest ones of the force, for its noise
-USUAL_GAP = 1.5  # times the gap before: longer ones are not interpolated across
 STILL_READINGS = 5  # identical ones of the pressure: its sensor may hang
 STILL_FRAMES = 5  # for one such test: an idle sensor may clip at zero
 

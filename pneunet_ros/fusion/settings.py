@@ -42,7 +42,10 @@ class FusionSettings:
         source='sweep',
     )
     target_gate: float = tuning(
-        25.0, 'misfit of a target to all others above which it is left out', unit='chi squared'
+        25.0,
+        'misfit of a target to all others above which it is left out',
+        unit='chi squared',
+        source='sweep',
     )
     most_left_out: float = tuning(
         0.3, 'largest share of the targets seen that the gate may leave out', source='sweep'

@@ -41,9 +41,10 @@ class ModelDiscrepancy(SizedBlock):
         (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
         'possible sizes of the model error: std of the pressure bias, and of the curvature',
         unit='of the range',
+        source='sweep',
     )
     size_fall: float = tuning(
-        1.5, 'exponent of the prior over sizes: larger errors are less likely'
+        1.5, 'exponent of the prior over sizes: larger errors are less likely', source='sweep'
     )
     size_time: float = tuning(
         60.0, 'forgetting time of frames in the estimate of its size', unit='s'
@@ -55,14 +56,17 @@ class ModelDiscrepancy(SizedBlock):
         source='sweep',
     )
     play: float = tuning(
-        0.06, 'width of a play (dead band) that is missing in the model', unit='of the range'
+        0.06,
+        'width of a play (dead band) that is missing in the model',
+        unit='of the range',
+        source='sweep',
     )
     late_share: float = tuning(
-        0.1, 'std of the delayed part of the curvature, for each time constant'
+        0.1, 'std of the delayed part of the curvature, for each time constant', source='sweep'
     )
-    play_share: float = tuning(0.5, 'std of the share of that play')
+    play_share: float = tuning(0.5, 'std of the share of that play', source='sweep')
     memory_time: float = tuning(
-        200.0, 'correlation time of the delayed part and of the play', unit='s'
+        200.0, 'correlation time of the delayed part and of the play', unit='s', source='sweep'
     )
 
     grid: SizeGrid = field(init=False, repr=False, compare=False)

@@ -59,7 +59,10 @@ class TipForce(Block):
     scale: float
     swings: bool = False
     first_walk: float = tuning(
-        0.15, 'random walk of the tip force before any frame', unit='of the force scale/sqrt(s)'
+        0.15,
+        'random walk of the tip force before any frame',
+        unit='of the force scale/sqrt(s)',
+        source='sweep',
     )
     least_walk: float = tuning(
         0.0015, 'random walk of a force at rest', unit='of the force scale/sqrt(s)'
