@@ -18,7 +18,7 @@ from pneunet_ros.diagnosis.scores.lack_of_fit import (
     LackOfFit,
     ScoreStatistic,
 )
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
@@ -187,3 +187,15 @@ def test_simulations_may_run_elsewhere():
     assert {name: (item.p_value, item.mean) for name, item in there.items()} == {
         name: (item.p_value, item.mean) for name, item in here.items()
     }
+
+
+def test_harmless_departures_are_as_large_as_stated_whichever_fields_are_seen():
+    found = fitted('', '')
+    unloaded = [run for run in design('').runs if not run.loaded]
+    linearization = found.linearization.at(found.point, unloaded)
+    fields = [block.fields.generic for block in linearization.blocks]
+    rows = sum(field.shape[0] * field.shape[1] for field in fields)
+    rms = np.sqrt(sum(np.nansum(field**2, axis=(0, 1)) for field in fields) / rows)
+    together = np.sqrt(np.sum((linearization.tolerances() * rms) ** 2))
+    assert together == pytest.approx(LINEARIZATION.tolerance * linearization.length)
+    assert np.count_nonzero(rms) < rms.size

@@ -235,14 +235,14 @@ class Linearization:
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
-        Together they move the points by `LinearizationSettings.tolerance` of the length (root mean
-        square) in frames with a shape.
+        Together those that move any point move them by `LinearizationSettings.tolerance` of the
+        length (root mean square) in frames with a shape.
         """
         fields = [block.fields.generic for block in self.blocks]
         squares = sum(np.nansum(field**2, axis=(0, 1)) for field in fields)
         rows = sum(field.shape[0] * field.shape[1] for field in fields)
         rms = np.sqrt(np.asarray(squares) / rows)
-        tolerance = LINEARIZATION.tolerance * self.length / np.sqrt(rms.size)
+        tolerance = LINEARIZATION.tolerance * self.length / np.sqrt(max(np.count_nonzero(rms), 1))
         return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
 
     def bounds(self, base: Array, unknowns: int) -> Bounds:
