@@ -15,13 +15,14 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps, Stamps
+from pneunet_ros.measurement.errors.white_noise import white_std
 
 END = 1e-6  # m; a curve is known this far beyond its last station: rounding of float32
 # Largest differences between two sides of one run. Invented.
 LONGER = 1.05  # ratio of the lengths of both arms, each up to its known end
 STRETCHED = 1.3  # distance of the first and last target, over that along the arm
 OTHER_PRESSURE = 0.1  # root mean square difference of pressures, over their span
-LEAST_PRESSURE = 500.0  # Pa, the same
+NOISE = 3.0  # sigma of the readings, the same: three sigma
 LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 
@@ -275,7 +276,8 @@ def _other_pressures(
     other_values = np.interp(mine.stamp_ns[within] - low, other.stamp_ns - low, other.values)
     difference = float(np.sqrt(np.mean((mine.values[within] - other_values) ** 2)))
     span = max(float(np.ptp(mine.values)), float(np.ptp(other.values)))
-    if difference < max(OTHER_PRESSURE * span, LEAST_PRESSURE):
+    noise = math.hypot(*(white_std(one.values[:, None]) for one in (mine, other)))
+    if difference < max(OTHER_PRESSURE * span, NOISE * noise):
         return []
     return [
         Note(

@@ -340,6 +340,20 @@ def test_targets_of_another_arm_are_said():
     assert reasons(found.unlike) == ['other_length']
 
 
+@pytest.mark.parametrize(('apart', 'said'), [(400.0, ['other_run']), (30.0, [])])
+def test_another_run_of_an_arm_of_3_kpa_is_another_run(apart, said):
+    """What is small depends on the range of the arm and the noise of its sensor."""
+    noise = 20.0 * np.random.default_rng(2).standard_normal((2, FRAMES))
+    low, high = pressures(0.0, 3e3), pressures(apart, 3e3 + apart)
+    one, other = (
+        replace(both, values=both.values + row)
+        for both, row in zip((low, high), noise, strict=True)
+    )
+    of = series(pressures=one, whole=True)
+    found = compare_shapes(of, series(name='other', pressures=other, whole=True))
+    assert reasons(found.unlike) == said
+
+
 def test_small_differences_of_the_pressure_are_those_of_sensors():
     """An offset of 300 Pa, or other stamps, are no other run."""
     of = series(pressures=pressures(0.0, 5e4), whole=True)

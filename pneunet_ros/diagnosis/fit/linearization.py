@@ -242,7 +242,8 @@ class Linearization:
         squares = sum(np.nansum(field**2, axis=(0, 1)) for field in fields)
         rows = sum(field.shape[0] * field.shape[1] for field in fields)
         rms = np.sqrt(np.asarray(squares) / rows)
-        tolerance = LINEARIZATION.tolerance * self.length / np.sqrt(max(np.count_nonzero(rms), 1))
+        seen = max(int(np.count_nonzero(rms)), 1)
+        tolerance = LINEARIZATION.tolerance * self.length / np.sqrt(seen)
         return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
 
     def bounds(self, base: Array, unknowns: int) -> Bounds:
