@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 import math
 from typing import Any, NamedTuple
 
@@ -116,7 +117,9 @@ def read_measured(
     topics = find_recorded(recording, (TARGETS, TIP_POSE), overrides)
     centerlines = tips = None
     sentences = [*recording.sentences]
-    series = read_series(recording, topics, EstimatorSettings(), target_arclength.size)
+    frame = first_frame(recording, topics[TARGETS.name]) if TARGETS.name in topics else BASE_FRAME
+    settings = EstimatorSettings(frame_id=frame)
+    series = read_series(recording, topics, settings, target_arclength.size)
     for item in series.values():
         sentences += item.sentences()
     if TARGETS.name in series:
@@ -146,10 +149,18 @@ def read_measured(
         name=str(recording.path),
         centerlines=centerlines,
         tips=tips,
-        frame=BASE_FRAME,
+        frame=frame,
         pressures=read_pressures(recording),
         sentences=tuple(sentences),
     )
+
+
+def first_frame(recording: Recording, topic: str) -> str:
+    """Return the frame of the first message of a topic; the base frame if it names none."""
+    for message in recording.messages([topic]):
+        with suppress(*UNFIT, MessageError):
+            return str(message.message.header.frame_id) or BASE_FRAME
+    return BASE_FRAME
 
 
 def read_pressures(recording: Recording) -> Pressures | None:

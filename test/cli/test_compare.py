@@ -168,11 +168,11 @@ def test_a_tip_and_points_along_the_arm_have_nothing_in_common():
 # The verb, on files.
 
 
-def write_targets(file: Path, points, stamps, also=()) -> Path:
+def write_targets(file: Path, points, stamps, also=(), frame_id=BASE_FRAME) -> Path:
     with write_recording(file) as writer:
         topic = writer.add('/pneunet/targets', TARGETS.type)
         for stamp, (x, y) in zip(stamps, points, strict=True):
-            message = targets_message(stamp, x, y, BASE_FRAME, ROSBAGS_TYPES, 1e-4)
+            message = targets_message(stamp, x, y, frame_id, ROSBAGS_TYPES, 1e-4)
             writer.write(topic, stamp, message)
         for name, kind, build in also:
             topic = writer.add(name, kind)
@@ -242,6 +242,17 @@ def test_both_against_a_truth_and_one_another(tmp_path, stamps, truth, run_json,
     assert code == 0
     assert [item['tip']['frames'] for item in answer['comparisons']] == 3 * [FRAMES]
     assert '/pneunet/targets' in out
+
+
+def test_targets_may_be_in_the_frame_of_a_mounted_arm(tmp_path, stamps, run_json, run):
+    a, b = (
+        write_targets(tmp_path / name, arcs(TARGETS_AT), stamps, frame_id='left_base')
+        for name in ('a.mcap', 'b.mcap')
+    )
+    code, answer = run_json('compare', a, b)
+    assert (code, answer['comparisons'][0]['tip']['frames']) == (0, FRAMES)
+    c = write_targets(tmp_path / 'c.mcap', arcs(TARGETS_AT), stamps)
+    assert refusal(run('compare', a, c, '--json')) == 'wrong_frame'
 
 
 def test_a_measured_pose_of_the_tip_against_a_truth(tmp_path, stamps, truth, run_json):
