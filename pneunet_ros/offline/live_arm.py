@@ -17,6 +17,7 @@ from pneunet_ros.exploration.safe_set import SafeSet
 
 NAMESPACE = '/pneunet'
 NODE = 'pneunet_ros.nodes.experiment'
+STDERR = 2  # file descriptor
 VENTED = 10.0  # s, in which an interrupted experiment vents the arm
 
 
@@ -36,7 +37,10 @@ def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
         command = [sys.executable, '-m', NODE, str(path)]
         command += ['--ros-args', '-r', f'__ns:={namespace}']
         pipe = subprocess.PIPE
-        with subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True) as process:
+        # What it asks belongs on our stderr: stdout may be one JSON object.
+        with subprocess.Popen(
+            command, stdin=pipe, stdout=STDERR, stderr=pipe, text=True
+        ) as process:
             try:
                 _, errors = process.communicate(json.dumps(corners.tolist()))
             except KeyboardInterrupt:

@@ -126,12 +126,14 @@ def test_what_cannot_be_is_refused_before_anything_is_recorded(run, arguments, r
 
 def test_by_hand_it_says_what_to_do_and_waits(run, monkeypatch):
     monkeypatch.setattr('sys.stdin', io.StringIO('\n'))  # once Enter, then nobody
-    code, out, err = run('--by-hand', '--pressure', '0', '50000', '--output', 'out')
+    words = ('--by-hand', '--pressure', '0', '50000', '--output', 'out', '--json')
+    code, out, err = run(*words)
     assert code == 2
+    assert json.loads(out)['reason'] == 'not_found'  # one JSON object and nothing else
     assert 'recording_01.mcap' in err
-    assert f'{BEGINNING.seconds:g} s: {BEGINNING.words}' in out
-    assert '  26.0   30.0   0.000   0.000' in out
-    assert out.count('Enter') == 2
+    assert f'{BEGINNING.seconds:g} s: {BEGINNING.words}' in err
+    assert '  26.0   30.0   0.000   0.000' in err
+    assert err.count('Enter') == 2
 
 
 @pytest.fixture
@@ -161,6 +163,13 @@ def test_a_live_experiment_is_a_process_with_the_corners(monkeypatch, stand_in, 
     monkeypatch.setattr(live_arm, 'find_spec', lambda name: None)
     with refused(RequestError, 'not_installed'):
         recorder_of(NAMESPACE)
+
+
+def test_a_live_experiment_asks_on_stderr(capfd, stand_in, tmp_path):
+    stand_in("print('Press Enter')")
+    item = next(item for item in experiments() if item.loaded)
+    recorder_of(NAMESPACE)(item, SafeSet(low=1e3, high=2e3, force=0.5), tmp_path / 'one.mcap')
+    assert capfd.readouterr() == ('', 'Press Enter\n')
 
 
 def test_who_is_interrupted_waits_until_the_arm_is_vented(stand_in, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 import sys
 import time
@@ -261,13 +262,14 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
 
 
 def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
-    """Describe the experiment, and wait for its recording."""
-    print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
-    print('  s      kPa    F1 (N)  F2 (N)')
+    """Describe the experiment on stderr, and wait for its recording."""
+    ask = partial(print, file=sys.stderr, flush=True)
+    ask(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
+    ask('  s      kPa    F1 (N)  F2 (N)')
     for seconds, pressure, x, y in safe.corners(experiment).tolist():
-        print(f'  {seconds:5.1f}  {kilopascals(pressure):z5.1f}  {x:6.3f}  {y:6.3f}')
+        ask(f'  {seconds:5.1f}  {kilopascals(pressure):z5.1f}  {x:6.3f}  {y:6.3f}')
     while not path.exists():
-        print(f'Save it as {path}, then press Enter (Ctrl-C quits): ', end='', flush=True)
+        ask(f'Save it as {path}, then press Enter (Ctrl-C quits): ', end='')
         if not sys.stdin.readline():
             raise RequestError(
                 f'{path} does not exist, and there is no terminal on which to ask',
