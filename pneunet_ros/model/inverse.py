@@ -38,7 +38,7 @@ PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)
 # Per initial guess; the Levenberg-Marquardt method normally ends long before.
 MOST_TRIALS = 150
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-DETERMINED = 1e-4  # m/N: least singular value of d tip / d force
+DETERMINED = 3e-4  # force_scale / length: least singular value of d tip / d force
 FORCE_AT_FAULT = 1e-3  # of the length; tip error below which the force is at fault
 MILLIMETERS = 10.0  # lengths: a tip so far away is in millimeters
 
@@ -168,12 +168,13 @@ class TipSearch:
     def check(self, shape: Shape) -> Shape:
         """Return the shape, or a failed one if the goal is missed or the force undetermined."""
         weakest = float(np.linalg.svd(self.force_jacobian(shape), compute_uv=False)[-1])
+        least = DETERMINED * self.arm.length / self.arm.force_scale
         distance = self.tip_error(shape)
-        if weakest < DETERMINED and distance < FORCE_AT_FAULT * self.arm.length:
+        if weakest < least and distance < FORCE_AT_FAULT * self.arm.length:
             sentence = (
                 'this tip position does not determine the end force: in one direction, 1 N moves '
                 f'the tip by only {1000.0 * weakest:.2g} mm (at least '
-                f'{1000.0 * DETERMINED:.2g} mm is needed)'
+                f'{1000.0 * least:.2g} mm is needed)'
             )
         elif distance > ARRIVED * self.arm.length:
             sentence = (
