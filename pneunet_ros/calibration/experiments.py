@@ -58,8 +58,18 @@ class LawScore:
 
     @property
     def rms(self) -> float:
-        """Root mean square over the recordings (m)."""
+        """Root mean square over the recordings (m), of frames with an equilibrium."""
         return float(np.sqrt(np.mean([item.rms**2 for item in self.scores])))
+
+    @property
+    def missing(self) -> int:
+        """Number of frames without an equilibrium."""
+        return sum(round(item.missing * len(item.error)) for item in self.scores)
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """The smaller, the better: first the missing frames, then the rms."""
+        return self.missing, self.rms if np.isfinite(self.rms) else np.inf
 
 
 class FitSequence:

@@ -6,6 +6,8 @@ from dataclasses import replace
 import re
 
 import numpy as np
+from pneunet_ros.calibration.checks.held_out import Score
+from pneunet_ros.calibration.experiments import LawScore
 from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.reports import figure as report_figure
@@ -13,6 +15,7 @@ from pneunet_ros.reports.calibration import report as calibration_report
 from pneunet_ros.reports.calibration.figures import calibration_figures
 from pneunet_ros.reports.calibration.force_figures import EstimatedForces, sentences
 from pneunet_ros.reports.calibration.report import write_report
+from pneunet_ros.reports.calibration.residual_figures import best_sentence
 from pneunet_ros.reports.calibration.tables import flat, law_rows, number_rows
 import pytest
 from support.html_pages import check_closed, Page
@@ -184,3 +187,26 @@ def test_tables_have_captions_and_heads_and_long_ones_are_folded(report):
     assert text.count('<main>') == 1
     assert 'class="skip" href="#answer"' in text
     assert 'id="answer"' in text
+
+
+def test_the_best_law_is_none_that_leaves_frames_out():
+    def law(kind, *runs):
+        scores = [
+            Score(name='run', rms=rms, p95=rms, missing=missing, error=np.zeros((10, 2, 1)))
+            for rms, missing in runs
+        ]
+        return LawScore(kind=kind, scores=tuple(scores))
+
+    laws = (
+        law('linear', (2e-3, 0.0), (2e-3, 0.0)),
+        law('majidi', (1e-3, 0.0), (np.nan, 1.0)),
+        law('piecewise', (1e-3, 0.0), (1e-3, 0.2)),
+    )
+    assert [item.kind for item in sorted(laws, key=lambda item: item.rank)] == [
+        'linear',
+        'piecewise',
+        'majidi',
+    ]
+    said = 'linear is best, the next one (piecewise) has no equilibrium in 2 frames more.'
+    assert best_sentence(laws) == said
+    assert '1.50 times' in best_sentence((laws[0], law('cubic', (3e-3, 0.0))))

@@ -106,7 +106,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
             ('Frames without an equilibrium', f'{missing} of {frames}, not counted')
         )
     if calibration.laws:
-        best = min(calibration.laws, key=lambda item: item.rms)
+        best = min(calibration.laws, key=lambda item: item.rank)
         summary_rows.append(
             ('Best on left-out recordings', f'{best.kind}, {millimeters(best.rms):.3f} mm rms')
         )

@@ -171,8 +171,13 @@ def law_comparison(data: FigureData) -> Picture | None:
 
 def best_sentence(laws: tuple[LawScore, ...]) -> str:
     """Name the law that predicts best."""
-    ranked = sorted(laws, key=lambda item: item.rms)
+    ranked = sorted(laws, key=lambda item: item.rank)
     first, second = ranked[0], ranked[1] if len(ranked) > 1 else ranked[0]
+    if second.missing > first.missing:
+        return (
+            f'{first.kind} is best, the next one ({second.kind}) has no equilibrium in '
+            f'{second.missing - first.missing} frames more.'
+        )
     return (
         f'Smaller is better: {first.kind} is best, the error of the next one ({second.kind}) is '
         f'{second.rms / first.rms:.2f} times as large.'
