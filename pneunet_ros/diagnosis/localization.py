@@ -58,8 +58,7 @@ def collect_frames(refit: Refit, *, harmless: bool = False) -> Frames:
     squares, axes = [], []
     departures = slice(linearization.mean.size, linearization.fixed[0].shape[1])
     sizes = (gaussian.position + gaussian.step)[departures] * (not harmless)
-    highest = [block.inputs.pressure.max() for block in linearization.blocks]
-    span = max(float(np.ptp([*highest, 0.0])), 1.0)
+    low, high = linearization.point.arm.table_range
     residuals = gaussian.best_residuals()[: linearization.training]
     for block, columns, residual in zip(
         linearization.blocks, gaussian.columns, residuals, strict=False
@@ -71,7 +70,7 @@ def collect_frames(refit: Refit, *, harmless: bool = False) -> Frames:
         if not run.static:
             time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
         if not run.static and len(time) > 1:
-            speed = np.gradient(inputs.pressure, time) / span
+            speed = np.gradient(inputs.pressure, time) / (high - low)
             direction = np.where(np.abs(speed) > LOCALIZATION.moving, np.sign(speed), np.nan)
         axes.append((inputs.pressure, np.hypot(*inputs.loads[:, :2].T), time, direction))
     names: tuple[Axis, ...] = ('pressure', 'force', 'time', 'direction')

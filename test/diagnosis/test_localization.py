@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import numpy.typing as npt
@@ -198,6 +199,36 @@ def test_a_recording_of_one_frame_has_no_direction():
     assert len(frames.squares) == 8 * (len(TRAINING) - 1) + 1
     assert 'direction' not in frames.axes  # of eight frames the pressure goes one way
     assert frames.axes['time'][8] == 0.0
+
+
+def test_under_vacuum_a_pressure_moves_by_a_share_of_the_table():
+    """No run exceeds 0 Pa; the noise of a pressure that holds is no motion."""
+    frames = 8
+    pressure = np.array([0.0, -1.0, 0.0, -1.0, -1.0, -15e3, -30e3, -10e3])
+    run = SimpleNamespace(
+        stamp_ns=np.arange(frames) * 10**9, seen=np.ones((frames, 1), bool), static=False
+    )
+    block = SimpleNamespace(
+        run=run, inputs=SimpleNamespace(pressure=pressure, loads=np.zeros((frames, 3)))
+    )
+    arm = SimpleNamespace(table_range=(-60e3, 0.0), target_arclength=np.array([0.1]))
+    linearization = SimpleNamespace(
+        mean=np.zeros(0),
+        fixed=[np.zeros((0, 0))],
+        blocks=[block],
+        training=1,
+        point=SimpleNamespace(arm=arm),
+        length=0.1,
+    )
+    gaussian = SimpleNamespace(
+        position=np.zeros(0),
+        step=np.zeros(0),
+        columns=[np.zeros((2 * frames, 0))],
+        best_residuals=lambda: [np.zeros(2 * frames)],
+    )
+    found = collect_frames(SimpleNamespace(linearization=linearization, gaussian=gaussian))
+    assert np.isnan(found.axes['direction'][:4]).all()
+    assert found.axes['direction'][5:].tolist() == [-1.0, 1.0, 1.0]
 
 
 def test_an_axis_on_which_frames_do_not_differ_is_none():
