@@ -326,7 +326,8 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
         )
     if parameters.elongates:
         elongation_values = slice(parameters.cells, parameters.before_law)
-        top = elongation.slopes(parameters.pressure[-1:])[0]
+        pressure = max(parameters.pressure.tolist(), key=abs)
+        top = elongation.slopes(np.array([pressure]))[0]
         strain = 100.0 * float(top @ fit.values[elongation_values])
         std = 100.0 * float(
             np.sqrt(top @ fit.covariance[elongation_values, elongation_values] @ top)
@@ -334,7 +335,7 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
         notes.append(
             Note(
                 f'the arm {"lengthens" if strain > 0.0 else "shortens"} under pressure, by '
-                f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(parameters.pressure[-1]):.3g} '
+                f'{abs(strain):.2g} ± {std:.1g} % at {kilopascals(pressure):.3g} '
                 'kPa: the model includes the effect pressure_elongation, because this makes the '
                 'recordings more probable',
                 reason='elongation',

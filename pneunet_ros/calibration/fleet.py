@@ -141,8 +141,8 @@ class Fleet:
 
 
 def compared_pressure(arms: Sequence[Arm]) -> float:
-    """Return the highest pressure (Pa) that most arms reach, at which they are compared."""
-    tops = sorted((arm.pressure_range[1] for arm in arms), reverse=True)
+    """Return the largest pressure or vacuum (Pa) that most arms reach; they are compared there."""
+    tops = sorted((max(arm.pressure_range, key=abs) for arm in arms), key=abs, reverse=True)
     return tops[max(int(np.ceil(REACHED * len(tops))) - 1, 0)]
 
 
@@ -151,7 +151,7 @@ def arm_numbers(arm: Arm, pressure: float, *, loaded: bool) -> ArmNumbers:
 
     Args:
         arm: the arm, with the covariance of its model.
-        pressure: gauge, Pa; quantities at pressures above the calibrated range are omitted.
+        pressure: gauge, Pa; quantities at pressures outside the calibrated range are omitted.
         loaded: whether the arm was calibrated under loads, so that its stiffness was measured.
 
     Returns:
@@ -192,11 +192,11 @@ def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
         along = curvature.at(where, places)
         return float(arm.length * np.ptp(places) * np.trapezoid(along, dx=1 / (along.size - 1)))
 
-    if low <= 0.0:
+    if low <= 0.0 <= high:
         add('turning_at_rest', 'turning angle without pressure', 'rad', turning(0.0, share))
     if low <= 0.5 * pressure <= high:
         add('turning_at_half', f'turning angle {half}', 'rad', turning(0.5 * pressure, share))
-    if pressure <= high:
+    if low <= pressure <= high:
         add('turning', f'turning angle {at}', 'rad', turning(pressure, share))
         table = curvature.curvature
         if np.ptp(table, axis=1).max() > EVEN * np.abs(table).max():

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+from pneunet_ros.calibration.calibration import describe_structure
+from pneunet_ros.calibration.elongation import SIZE
 from pneunet_ros.calibration.fleet import (
     arm_numbers,
     ArmNumber,
@@ -17,7 +20,7 @@ from pneunet_ros.calibration.fleet import (
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
-from support.example_arms import paper_arm
+from support.example_arms import paper_arm, vacuum_arm
 
 NUMBERS = tuple(ArmNumber(name=name, meaning=name, unit='-') for name in 'abc')
 CORRELATED = np.linalg.cholesky(0.9 + 0.1 * np.eye(3))
@@ -144,3 +147,33 @@ def test_arms_are_compared_where_most_of_them_have_been():
     top = arm.pressure_range[1]
     assert compared_pressure([arm] * 9 + [low]) == top
     assert compared_pressure([arm, low]) == low.pressure_range[1] < top
+
+
+def test_arms_under_vacuum_are_compared_at_their_vacuum():
+    arm, mirrored = paper_arm(), vacuum_arm()
+    top = compared_pressure([mirrored] * 9)
+    assert top == mirrored.pressure_range[0] == -arm.pressure_range[1]
+    found, same = (
+        {number.name: value for number, value in numbers.values.items()}
+        for numbers in (
+            arm_numbers(mirrored, top, loaded=True),
+            arm_numbers(arm, -top, loaded=True),
+        )
+    )
+    assert found == pytest.approx(same)
+    deeper = {item.name for item in arm_numbers(mirrored, 1.5 * top, loaded=True).values}
+    assert 'turning' not in deeper
+    assert 'turning_at_rest' in deeper
+
+
+def test_an_arm_under_vacuum_is_as_long_as_at_its_vacuum():
+    slope = np.zeros(SIZE)
+    slope[0] = 1.0
+    pressure = np.linspace(-60e3, 0.0, 7)
+    parameters = SimpleNamespace(
+        shapes=None, elongates=True, pressure=pressure, cells=0, before_law=SIZE
+    )
+    fit = SimpleNamespace(parameters=parameters, values=slope, covariance=np.eye(SIZE))
+    (note,) = describe_structure(fit, None)
+    assert 'the arm shortens under pressure' in note
+    assert 'at -60 kPa' in note

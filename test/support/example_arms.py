@@ -139,3 +139,23 @@ def two_sections(
         rigidity=[[first / (weight * LENGTH**2), second / (weight * LENGTH**2)]] * 2,
         moment_offset=[[offset[0] / (weight * LENGTH), offset[1] / (weight * LENGTH)]] * 2,
     )
+
+
+def vacuum_arm() -> Arm:
+    """Return the paper's arm as if it bent under vacuum, from -66 kPa to 0."""
+    arm = paper_arm()
+    law, table = arm.moment_law, arm.intrinsic_curvature
+    return replace(
+        arm,
+        domain=None,
+        moment_law=replace(
+            law,
+            pressure=-law.pressure[::-1],
+            split=law.split[::-1],
+            rigidity=law.rigidity[::-1],
+            moment_offset=law.moment_offset[::-1],
+        ),
+        intrinsic_curvature=replace(
+            table, pressure=-table.pressure[::-1], curvature=table.curvature[::-1]
+        ),
+    )
