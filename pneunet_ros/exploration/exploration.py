@@ -110,7 +110,7 @@ def explore(
         rounds.append(item)
         yield item
         before = item.diagnosis or before
-        if name_stayed(rounds):
+        if name_stayed(rounds, settings.stays):
             return
         on_progress('the next recording', 0, 0)
         if in_order:
@@ -119,10 +119,10 @@ def explore(
             choice = next_choice(investigation, rivals, safe, len(runs), settings)
 
 
-def name_stayed(rounds: Sequence[Round]) -> bool:
+def name_stayed(rounds: Sequence[Round], stays: int = EXPLORATION.stays) -> bool:
     """Whether the last name appeared in earlier rounds, so that a recording tested it."""
-    names = [named_effects(item.investigation) for item in rounds[-EXPLORATION.stays :]]
-    return len(names) == EXPLORATION.stays and bool(names[-1]) and len({*names}) == 1
+    names = [named_effects(item.investigation) for item in rounds[-stays:]]
+    return len(names) == stays and bool(names[-1]) and len({*names}) == 1
 
 
 def is_clear(rounds: Sequence[Round]) -> bool:

@@ -35,7 +35,8 @@ class SafeSet:
         low, high = arm.pressure_range
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
         force = float(np.hypot(*loads.T).max()) if loads.size else arm.weight
-        return cls(low=max(low, 0.0), high=high, force=force or arm.weight)
+        low = max(low, 0.0) if high > 0.0 else low
+        return cls(low=low, high=high, force=force or arm.weight)
 
     def corners(self, experiment: Experiment) -> Array:
         """Return the corners (k, 4) of an experiment: time s, pressure Pa, F1 and F2 N."""

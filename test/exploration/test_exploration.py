@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.cli.verbs.explore import show_round
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.choice import (
     choice_in_order,
     pair_divergences,
@@ -29,6 +31,7 @@ from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.exploration.report import last_sentence
 import pytest
 from rich.console import Console
+from support.example_arms import vacuum_arm
 from support.refusals import refused
 
 SAFE = SafeSet(low=0.0, high=55e3, force=0.25)
@@ -53,6 +56,19 @@ def test_the_safe_set_of_a_model_is_what_it_was_calibrated_to():
     assert SafeSet.of(replace(MODEL, domain=None)).force == MODEL.weight
     with refused(RequestError, 'out_of_bounds'):
         SafeSet(low=2.0, high=1.0, force=0.1)
+
+
+def test_the_safe_set_of_an_arm_under_vacuum_is_its_vacuum():
+    arm = vacuum_arm()
+    safe = SafeSet.of(arm)
+    assert (safe.low, safe.high) == arm.pressure_range
+
+
+def test_a_name_stays_as_often_as_asked(monkeypatch):
+    monkeypatch.setattr(exploration, 'named_effects', lambda item: item)
+    rounds = [SimpleNamespace(investigation=('creep',)) for _ in range(2)]
+    assert exploration.name_stayed(rounds, 2)
+    assert not exploration.name_stayed(rounds, 3)
 
 
 def test_what_a_rival_explains_as_well_diverges_from_nothing_alone():
