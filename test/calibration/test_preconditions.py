@@ -13,9 +13,10 @@ from pneunet_ros.calibration.checks.consistency import (
     outlier_recordings,
     tip_distance,
 )
-from pneunet_ros.calibration.checks.preconditions import check_runs
+from pneunet_ros.calibration.checks.preconditions import check_different_loads, check_runs
+from pneunet_ros.calibration.motion.swinging_run import has_constant_inputs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import judging
+from pneunet_ros.calibration.settings import CALIBRATION, judging
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_lag import PressureLag
@@ -136,6 +137,18 @@ def test_what_pressures_most_likely_mean_is_said_against_what_was_declared():
         check_runs([low], [], PAPER, settings=judging(declared))
     check_runs([FREE[0]], [], PAPER, settings=judging(declared))
     check_runs([low], [], PAPER, settings=judging(None))
+
+
+def test_loads_that_differ_by_their_moment_are_different():
+    one = at_one_pressure()
+    moment = np.repeat([0.0, 1e-3], one.pressure.size // 2)
+    noise = 1e-5 * np.sin(np.arange(one.pressure.size))
+    loads = np.column_stack([one.force, moment])
+    assert has_constant_inputs(one, np.column_stack([one.force, noise]), PAPER)
+    assert not has_constant_inputs(one, loads, PAPER)
+    check_different_loads([bent(one, moment=moment)], PAPER, CALIBRATION.resolution)
+    with refused(RecordingError, 'one_load'):
+        check_different_loads([bent(one, moment=noise)], PAPER, CALIBRATION.resolution)
 
 
 def other_arm(factor: float):

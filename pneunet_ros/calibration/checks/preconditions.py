@@ -149,9 +149,9 @@ def check_different_loads(
     loaded: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
 ) -> None:
     """Raise RecordingError if all frames have the same load and pressure."""
-    force = np.concatenate([run.force for run in loaded])
-    reach = float(np.max(np.ptp(force, axis=0)))
-    if reach < settings.noise_span * arm.sensors.force_std:
+    reach, sensors = np.ptp(np.concatenate([run.load for run in loaded]), axis=0), arm.sensors
+    stds = np.array([sensors.force_std, sensors.force_std, sensors.moment_std])
+    if np.all(reach <= settings.noise_span * stds):
         raise RecordingError(
             f'{names_of(loaded)}: only one load at one pressure: rest curvature and stiffness '
             'cannot be distinguished. Record another load, or the arm without a load (--unloaded)',

@@ -137,7 +137,11 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
 def has_constant_inputs(run: RecordingData, loads: Array, arm: Arm) -> bool:
     """Whether pressure and loads (readings, 3) are constant, so the arm must have been plucked."""
     reach, noise = 2.0 * run.idle_reach(), arm.sensors
-    known = (run.pressure, noise.pressure_std), (loads[:, :2], noise.force_std)
+    known = (
+        (run.pressure, noise.pressure_std),
+        (loads[:, :2], noise.force_std),
+        (loads[:, 2], noise.moment_std),
+    )
     return all(float(np.max(np.ptp(values, axis=0))) <= reach * std for values, std in known)
 
 
