@@ -155,7 +155,7 @@ def test_one_sigma_of_a_coordinate_is_that_of_readings_drawn_again():
 
 def test_between_two_readings_a_part_of_their_noise_averages_out():
     arm = paper_arm()
-    run = made(arm, PRESSURE, FORCE)
+    run = made(arm, PRESSURE, np.tile([0.1, 0.05], (PRESSURE.size, 1)))
     (inputs,) = inputs_of(arm, [run])
     noise = SensorNoise(pressure_std=0.0, force_std=1e-3, moment_std=0.0, target_std=0.0)
     beside = run.stamp_ns - PERIOD // 5
@@ -205,6 +205,18 @@ def test_between_readings_a_jump_is_an_error_of_the_reading():
     elsewhere = np.delete(np.arange(frames), 9)
     assert stds[elsewhere].tolist() == [USUAL.pressure_std] * (frames - 1)
     assert pressure_std(USUAL, arm, replace(late, static=True)).max() == USUAL.pressure_std
+
+
+def test_one_sigma_includes_a_load_that_jumps_between_readings():
+    arm = paper_arm()
+    force = np.tile([0.1, 0.05], (20, 1))
+    force[10:, 0] = 0.14
+    run = made(arm, np.full(20, 3e4), force)
+    run = replace(run, wrench_stamp_ns=run.stamp_ns - PERIOD // 2, wrench=run.load)
+    (inputs,) = inputs_of(arm, [run])
+    tips = coordinate_stds(arm, run, inputs, USUAL)[:, :, -1].max(axis=1)
+    assert np.argmax(tips) in (9, 10)
+    assert tips.max() > 5.0 * np.median(tips)
 
 
 def test_frames_that_share_a_reading_share_its_noise():

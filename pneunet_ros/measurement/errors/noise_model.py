@@ -239,7 +239,9 @@ def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorN
     pressure = pressure_stds[:, None, None] * pressure_error(arm, inputs, 1.0)
     if run.wrench_stamp_ns is not None and not (run.static or run.load_known):
         shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
+        stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
         loads = loads * interpolated_noise(shown, run.wrench_stamp_ns)[:, None]
+        loads = np.hypot(loads, missed_load(run, stds))
     by_load = model.load_jacobian(arm, inputs) * loads[:, None]
     variance = np.sum(by_load**2, axis=2).reshape(run.points.shape)
     variance += pressure**2 + target_std(noise) ** 2
