@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import date
 from decimal import Decimal
+from functools import lru_cache
 import math
 from pathlib import Path
 import re
@@ -144,6 +145,7 @@ def _zone(text: str | None) -> int:
     return (-1 if text[0] == '-' else 1) * (3600 * int(digits[:2]) + 60 * int(digits[2:]))
 
 
+@lru_cache(maxsize=1)  # mostly that of the row before
 def _days(text: str) -> tuple[int | None, int | None]:
     """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026, 11/22/2026 or 22-Nov-2026.
 
