@@ -38,7 +38,7 @@ PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)
 # Per initial guess; the Levenberg-Marquardt method normally ends long before.
 MOST_TRIALS = 150
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-DETERMINED = 3e-4  # force_scale / length: least singular value of d tip / d force
+DETERMINED = 1.5e-4  # force_scale / length: least singular value of d tip / d force
 FORCE_AT_FAULT = 1e-3  # of the length; tip error below which the force is at fault
 MILLIMETERS = 10.0  # lengths: a tip so far away is in millimeters
 
