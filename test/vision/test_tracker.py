@@ -636,3 +636,14 @@ def test_what_the_settings_were_can_be_said():
     vision = VisionSettings(gating=GatingSettings(largest_loss=0.6))
     assert settings_changed(*vision.parts) == {'GatingSettings.largest_loss': 0.6}
     assert settings_used(*vision.parts)['BeamSearchSettings.seen'] == BeamSearchSettings().seen
+
+
+@pytest.mark.parametrize('apart_ns', [1, 100_000])
+def test_images_stamped_at_almost_the_same_time_are_no_long_exposure(apart_ns):
+    """A driver that stamps images when they arrive may get two of them at once."""
+    film = Film()
+    film.rest()
+    film.inflate(25e3, steps=6)
+    film.stamp_ns += apart_ns - FRAME_NS
+    outcome = film.show(film.picture(30e3)[0])
+    assert outcome.sightings.seen == TARGETS

@@ -137,7 +137,9 @@ def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) 
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (row.table[both, :2] - last.pixels[both]) / seconds
         neighbors = view.vision.row_look.neighbors
-        ways = last.exposure * velocity_along_row(moved, view.arclength, both, neighbors)
+        # No exposure is longer than the time between two images, of which a stamp may be wrong.
+        exposure = min(last.exposure, seconds)
+        ways = exposure * velocity_along_row(moved, view.arclength, both, neighbors)
         longer = np.hypot(*ways.T) > np.hypot(expected[:, SMEAR_U], expected[:, SMEAR_V])
         outlines[longer, SMEAR_U : SMEAR_V + 1] = ways[longer]
     return outlines
