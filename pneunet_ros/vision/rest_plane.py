@@ -132,16 +132,17 @@ def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane
     """
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     points, arclength = points[seen], arclength[seen]
-    last = _unrolled(points, arclength) if isinstance(method, CurvedRestPlane) else points[-1]
-    return plane_from_rest(points[0], last, float(arclength[0]), float(arclength[-1]))
+    if isinstance(method, CurvedRestPlane):
+        return plane_from_rest(*_unrolled(points, arclength), 0.0, float(arclength[-1]))
+    return plane_from_rest(points[0], points[-1], float(arclength[0]), float(arclength[-1]))
 
 
-def _unrolled(points: Array, arclength: Array) -> Array:
-    """Return the last target (2,) of an arm extended straight from the clamp.
+def _unrolled(points: Array, arclength: Array) -> tuple[Array, Array]:
+    """Return clamp (2,) and last target (2,) of an arm extended straight from its clamp.
 
-    The length is that of the arcs between neighbors. The heading at the first target is
-    extrapolated by a parabola from the headings of the first chords, each equal to that of the arm
-    at its middle.
+    The length is that of the arcs between neighbors. The heading at the clamp is extrapolated by a
+    parabola from the headings of the first chords, each equal to that of the arm at its middle;
+    along it the arm goes from the clamp to the first target.
     """
     steps, places = np.diff(points, axis=0), arclength
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -151,8 +152,13 @@ def _unrolled(points: Array, arclength: Array) -> Array:
     near = max(HEADING_CHORDS, round(HEADING_SHARE * heading.size))
     degree = min(2, heading.size - 1)
     course = np.polynomial.Polynomial.fit(middle[:near], heading[:near], degree)
-    at_clamp = float(course(places[0]))
-    return np.asarray(points[0] + length * np.array([math.cos(at_clamp), math.sin(at_clamp)]))
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    way = course(0.5 * places[0] * (nodes + 1.0))
+    to_first = 0.5 * places[0] * (np.stack([np.cos(way), np.sin(way)]) @ weights)
+    scale, at_clamp = length / (places[-1] - places[0]), float(course(0.0))
+    clamp = points[0] - scale * to_first
+    ahead = np.array([math.cos(at_clamp), math.sin(at_clamp)])
+    return clamp, clamp + scale * places[-1] * ahead
 
 
 def spacing_of(points: Array, arclength: Array) -> float:
