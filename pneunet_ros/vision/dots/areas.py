@@ -56,6 +56,7 @@ ROUNDNESS = 0.88  # area over that of the ellipse with the same moments; a squar
 NESTED = 0.35  # radii between the centers of one blob at two levels
 TWICE = 0.8  # radii of the larger between blobs that are one
 LEAST_CONTRAST = 4.0  # grey levels, of a blob to its background, for a fixed band
+SATURATED = 255  # the highest grey level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +73,9 @@ class Appearance:
         """Brightness and size of a blob."""
         if isinstance(self.band, AdaptiveBand):
             return Look(limits=self.limits, brightest=math.inf, contrast=self.band.contrast)
-        return Look(limits=self.limits, brightest=self.band.high, contrast=LEAST_CONTRAST)
+        # A plateau that was fitted to saturated pixels is 255, more or less.
+        brightest = self.band.high if self.band.high < SATURATED else math.inf
+        return Look(limits=self.limits, brightest=brightest, contrast=LEAST_CONTRAST)
 
     @property
     def levels(self) -> list[int]:
