@@ -157,8 +157,9 @@ class Image:
 
     @property
     def has_colors(self) -> bool:
-        """Whether the image has colors to compare."""
-        return ENCODINGS[self.encoding].bgr is not None
+        """Whether the image has colors to compare: of pairs of pixels only where all are pairs."""
+        layout = ENCODINGS[self.encoding]
+        return layout.bgr is not None and not (layout.channels == 2 and self.width % 2)
 
     def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Return a value derived from this image, computed once per key."""
@@ -199,9 +200,10 @@ class Image:
 
     def _closeness(self, color: tuple[float, float, float]) -> Image:
         convert = ENCODINGS[self.encoding].bgr
-        if convert is None:
+        if convert is None or not self.has_colors:
             raise MessageError(
-                f'an image with the encoding {self.encoding} has no colors', reason='no_colors'
+                f'an image of {self.encoding}, {self.width} pixels wide, has no colors',
+                reason='no_colors',
             )
         import cv2
 

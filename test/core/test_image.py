@@ -168,3 +168,11 @@ def test_an_array_that_is_given_becomes_read_only():
 def test_what_cannot_be_read_is_said(change, sentence):
     with pytest.raises(MessageError, match=sentence):
         Image(data=bytes(6), **{**FIELDS, **change})
+
+
+def test_half_a_pair_of_pixels_has_no_color():
+    fields = {'width': 5, 'height': 3, 'step': 10, 'encoding': 'yuv422'}
+    image = Image(stamp_ns=1, frame_id='camera', data=np.zeros(30, np.uint8), **fields)
+    assert not image.has_colors and image.grey().shape == (3, 5)
+    with refused(MessageError, 'no_colors'):
+        image.closeness((255.0, 0.0, 0.0))
