@@ -647,3 +647,13 @@ def test_images_stamped_at_almost_the_same_time_are_no_long_exposure(apart_ns):
     film.stamp_ns += apart_ns - FRAME_NS
     outcome = film.show(film.picture(30e3)[0])
     assert outcome.sightings.seen == TARGETS
+
+
+@pytest.mark.parametrize(('high', 'seen'), [(255, TARGETS), (254, 0)])
+def test_a_fixed_band_to_255_takes_saturated_dots(high, seen):
+    film = Film(CameraSettings(grey_band=FixedBand(low=120, high=high)))
+    grey, _ = film.picture()
+    bright = np.where(grey > 120, 255, grey).astype(np.uint8)
+    for _ in range(REST):
+        outcome = film.show(bright)
+    assert outcome.sightings.seen == seen
