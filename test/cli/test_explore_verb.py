@@ -9,7 +9,6 @@ import re
 
 from pneunet_ros import load_model
 from pneunet_ros.cli.main import main
-from pneunet_ros.cli.verbs import explore
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.conclusion import take_back
@@ -90,7 +89,7 @@ def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatc
         diagnosis = take_back(investigation, 'a law says it better')
         return Discovery(searched=True, overruling=diagnosis)
 
-    monkeypatch.setattr(explore, 'discover', overruled)
+    monkeypatch.setattr('pneunet_ros.discovery.discovery.discover', overruled)
     hidden = ('--effect', 'pressure_elongation.strain_per_pascal=2e-6')
     code, out, err = run('--simulated', 'small.yaml', *hidden, '--recordings', '1',
                          '--output', 'out', '--json')  # fmt: skip
