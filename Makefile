@@ -10,8 +10,9 @@ COLCON := $(VENV)-colcon
 ARGS ?=
 LIVE_SECONDS ?=
 
-# Two at a time on the common small machine; more than four only fight for the DDS.
-PYTEST_FLAGS := -n auto --maxprocesses 4 --dist worksteal
+# One more than there are cores, as tests of nodes wait; more than four only fight for the DDS.
+WORKERS := $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 4 ] && echo $$((n + 1)) || echo 4)
+PYTEST_FLAGS := -n $(WORKERS) --dist worksteal
 BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py fusion_latency.py tracker.py tracker_live.py centerline.py))
 
 # A sourced ROS, or the environment of another Python, must not leak into ours.
