@@ -282,11 +282,10 @@ def test_a_second_node_of_the_name_is_noticed_and_so_is_its_end(peer, tmp_path):
     with running_node(tmp_path / 'second', DOMAIN) as second:
         second.wait_for('ready')
         # Names and topics of a process are discovered one after the other.
-        topic = '/pneunet/centerline'
-        assert peer.spin_until(lambda: topic in peer.report()[2]['rivals'])
+        both = '/pneunet/centerline', '/pneunet/estimator'
+        assert peer.spin_until(lambda: all(one in peer.report()[2]['rivals'] for one in both))
         level, message, values = peer.report()
         assert level in (Level.WARN, Level.ERROR)  # meanwhile nobody sends any pressure
-        assert '/pneunet/estimator' in values['rivals']
         assert values['rivals'] in message
         assert 'model_info' not in message
         assert second.end(signal.SIGTERM) == 0, second.text
