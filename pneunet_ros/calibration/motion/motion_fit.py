@@ -86,8 +86,7 @@ def fit_motion(
             go at constant pressure.
         start_motion: start of the search; None: scan a grid.
         perturbed_arms: arms that differ from this one by one error each, by `DIFFERENCE_STEP` of a
-            standard
-            deviation; the sizes of these errors are fitted too.
+            standard deviation; the sizes of these errors are fitted too.
         trusted_error: relative error of the mass up to which a swing that suggests a lighter arm
             is overruled by the model file.
 
