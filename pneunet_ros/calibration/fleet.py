@@ -24,7 +24,7 @@ STATIONS = 101  # places along the arm for means over it
 ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
 TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
-# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+# Invented: no figure of acceptance/sweep.py contains a fleet.
 DRAWS = 400  # simulated fleets for the threshold
 FEWEST_COMPARED = 12  # arms with a known value, for a comparison
 FEWEST_SHOWN = 2  # arms with a known value, for a figure

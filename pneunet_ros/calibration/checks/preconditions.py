@@ -35,7 +35,7 @@ from pneunet_ros.measurement.row_order import (
 from pneunet_ros.model.arm import Arm
 
 # Recordings with another unit, arm or sensor are far beyond these, others far within.
-# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+# Invented: no figure of acceptance/sweep.py contains such a recording.
 FEWEST_FRAMES = 3  # of all recordings together
 FEWEST_TARGETS = 4  # seen somewhere in a recording
 SMALLEST_MOTION = 0.0045  # of the tip, of the length
