@@ -124,17 +124,22 @@ class RestSearch:
         return None
 
 
-def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane:
+def plane_at_rest(
+    points: Array, arclength: Array, method: PlaneMethod, clamp_angle: float
+) -> Plane:
     """Return the working plane of an arm at rest: targets (n, 2) normalized, arclength (n,) m.
 
     For a straight arm, the outermost seen targets determine the plane; for an arm that is bent at
-    rest, the arc length between them and the heading at the clamp.
+    rest, the arc length between them and the heading at the clamp. clamp_angle: of that heading in
+    the base frame, rad.
     """
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     points, arclength = points[seen], arclength[seen]
     if isinstance(method, CurvedRestPlane):
-        return plane_from_rest(*_unrolled(points, arclength), 0.0, float(arclength[-1]))
-    return plane_from_rest(points[0], points[-1], float(arclength[0]), float(arclength[-1]))
+        first, last = _unrolled(points, arclength)
+        return plane_from_rest(first, last, 0.0, float(arclength[-1]), clamp_angle)
+    first_arclength, last_arclength = arclength[[0, -1]].tolist()
+    return plane_from_rest(points[0], points[-1], first_arclength, last_arclength, clamp_angle)
 
 
 def _unrolled(points: Array, arclength: Array) -> tuple[Array, Array]:

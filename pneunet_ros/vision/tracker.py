@@ -408,9 +408,14 @@ class Tracker:
         rest = state.rest.with_frame(found, spacing)
         missing_frames, plane = rest.missing_frames(wanted), None
         if not missing_frames:
-            plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)
+            plane = self._plane_at_rest(rest.places[0].points)
         failure = Failure(reason=RESTING, sentence=f'scale and base frame: {missing_frames}')
         return replace(state, rest=rest, plane=plane), failure
+
+    def _plane_at_rest(self, points: Array) -> Plane:
+        """Return the working plane from the arm at rest: targets (targets, 2) normalized."""
+        arm = self.arm
+        return plane_at_rest(points, self.arclength, self.settings.plane, arm.clamp_angle)
 
     def _at_rest_before(
         self, state: TrackerState, view: View, failure: Failure, polarity: str
@@ -427,7 +432,7 @@ class Tracker:
         place = search_what_moved(view, still, wanted)
         if place is None:
             return state, failure
-        plane = plane_at_rest(place.points, self.arclength, self.settings.plane)
+        plane = self._plane_at_rest(place.points)
         row = search_row(replace(view, plane=plane))
         if row.seen < self.arclength.size:
             return state, failure

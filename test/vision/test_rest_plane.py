@@ -137,7 +137,7 @@ def test_frames_at_rest_are_averaged():
     assert rest.frames == 5
     (place,) = rest.places
     assert place.points == pytest.approx(frames.mean(axis=0), abs=1e-15)
-    plane = plane_at_rest(place.points, ARCLENGTH, RestPlane())
+    plane = plane_at_rest(place.points, ARCLENGTH, RestPlane(), 0.0)
     assert plane.points(place.points[[0, -1]]) == pytest.approx(
         np.array([[0.0, 0.0], [LENGTH, 0.0]]), abs=1e-12
     )
@@ -185,11 +185,11 @@ def test_what_is_missing_is_said():
 
 def test_the_outermost_targets_that_are_seen_give_the_scale():
     frames = frames_at_rest(5, noise=0.0)
-    whole = plane_at_rest(averaged(frames).places[0].points, ARCLENGTH, RestPlane())
+    whole = plane_at_rest(averaged(frames).places[0].points, ARCLENGTH, RestPlane(), 0.0)
     frames[:, [0, 21, 22]] = np.nan
     place = averaged(frames).places[0]
     assert place.missing_frames(5) == ''
-    plane = plane_at_rest(place.points, ARCLENGTH, RestPlane())
+    plane = plane_at_rest(place.points, ARCLENGTH, RestPlane(), 0.0)
     assert plane.points(frames[0, 1:21]) == pytest.approx(whole.points(frames[0, 1:21]), abs=1e-12)
 
 
@@ -210,7 +210,7 @@ def test_an_arm_bent_at_rest_gives_scale_along_its_arc_and_frame_at_its_clamp(tu
     turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     row = SCALE * arc(25.0, 5.0) @ turned + np.array([-0.1, 0.05])
     row[5] = row[:hidden] = np.nan
-    plane = plane_at_rest(row, ARCLENGTH, CurvedRestPlane())
+    plane = plane_at_rest(row, ARCLENGTH, CurvedRestPlane(), 0.0)
     back = plane.points(row)
     expected = arc(25.0, 5.0) * [1.0, -1.0]  # y is up where the image goes down
     assert np.nanmax(np.hypot(*(back - expected).T)) < 2e-5 * (1 + hidden)

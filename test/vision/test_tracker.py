@@ -22,6 +22,7 @@ from pneunet_ros.vision.camera.camera_settings import (
     FixedBand,
     HomographyPlane,
     PosePlane,
+    RestPlane,
     Shutter,
 )
 from pneunet_ros.vision.curvature_prior import PriorSettings
@@ -48,13 +49,13 @@ SECOND = 1_000_000_000
 class Film:
     """An arm before a plain camera at given pressures, and a tracker that watches."""
 
-    def __init__(self, settings=None, camera=None, scene=None, noise=2.0):
+    def __init__(self, settings=None, camera=None, scene=None, noise=2.0, arm=ARM):
         self.camera = plain_camera() if camera is None else camera
         scene = Scene(camera=self.camera, noise=noise) if scene is None else scene
         self.renderer = Renderer(scene)
-        self.motion = motion_of(ARM, (0.0, 50e3))
+        self.motion = motion_of(arm, (0.0, 50e3))
         self.rng = np.random.default_rng(11)
-        self.tracker = Tracker(ARM, CameraSettings() if settings is None else settings)
+        self.tracker = Tracker(arm, CameraSettings() if settings is None else settings)
         self.lens = lens_of(self.camera)
         self.state, _ = self.tracker.step(TrackerState(), self.lens)
         self.stamp_ns = SECOND
@@ -358,6 +359,20 @@ def test_an_arm_that_is_bent_at_rest_is_tracked_where_the_camera_file_says_so():
     film = Film(CameraSettings(plane=CurvedRestPlane()))
     for _ in range(REST):
         grey, truth = film.picture(15e3)
+        outcome = film.show(grey)
+    assert outcome.sightings.seen == TARGETS
+    assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-3
+    outcome, truth = film.inflate(25e3)
+    assert outcome.sightings.seen == TARGETS
+    assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-3
+
+
+@pytest.mark.parametrize(('method', 'pressure'), [(RestPlane(), 0.0), (CurvedRestPlane(), 15e3)])
+def test_an_arm_turned_in_its_clamp_rests_at_that_angle_to_the_base_frame(method, pressure):
+    arm = replace(ARM, clamp_angle=0.3)
+    film = Film(CameraSettings(plane=method), arm=arm)
+    for _ in range(REST):
+        grey, truth = film.picture(pressure)
         outcome = film.show(grey)
     assert outcome.sightings.seen == TARGETS
     assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-3

@@ -104,13 +104,17 @@ class Plane:
 
 
 def plane_from_rest(
-    first: npt.ArrayLike, last: npt.ArrayLike, first_arclength: float, last_arclength: float
+    first: npt.ArrayLike,
+    last: npt.ArrayLike,
+    first_arclength: float,
+    last_arclength: float,
+    clamp_angle: float = 0.0,
 ) -> Plane:
     """Return the plane from the first and last target of the straight arm, as in the paper.
 
-    first, last (2,) normalized; their arclength in m. The camera looks along -z: x points from the
-    first to the last, y up in the image if x points to the right, and the first target lies at
-    (first_arclength, 0). Raises CameraError if the two coincide.
+    first, last (2,) normalized; their arclength in m; clamp_angle (rad) from x to the arm. The
+    camera looks along -z: y points up in the image if x points to the right. The origin is one
+    first_arclength before the first target. Raises CameraError if the two targets coincide.
     """
     start = frozen_array(first, (2,))
     way = frozen_array(last, (2,)) - start
@@ -133,6 +137,8 @@ def plane_from_rest(
     matrix = np.eye(3)
     matrix[0] = *along, first_arclength - along @ start
     matrix[1] = *across, -across @ start
+    cosine, sine = math.cos(clamp_angle), math.sin(clamp_angle)
+    matrix[:2] = np.array([[cosine, -sine], [sine, cosine]]) @ matrix[:2]
     return Plane(base_from_normalized=matrix)
 
 

@@ -203,7 +203,8 @@ def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Fail
         at_rest = _row_at_rest(view, blobs, points, arclength[:-1], limits)
     if isinstance(at_rest, Failure):
         return whole
-    plane = plane_at_rest(at_rest, arclength[: len(at_rest)], settings.plane)
+    places = arclength[: len(at_rest)]
+    plane = plane_at_rest(at_rest, places, settings.plane, view.clamp_angle)
     found = row_among(replace(view, plane=plane), blobs)
     if isinstance(found, Failure):
         return found
@@ -221,7 +222,7 @@ def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Fail
     again = view.lens.undistort(found.table[:, :2])
     # One beside a slot or a glint is measured again by its neighbors' look: the same target still.
     apart = np.hypot(*(again[: len(at_rest)] - at_rest).T)
-    same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, arclength[: len(at_rest)]))
+    same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, places))
     if same < vision.beam_search.seen * arclength.size:
         return Failure(
             reason='no_row',
