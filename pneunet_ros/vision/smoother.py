@@ -82,8 +82,7 @@ class MeasuredCurve:
     All arrays have one entry per station: material arclength (m), x and y (m, base frame), theta
     (rad, continuous, from (-pi, pi] at the first station), curvature by Eq 1 (1/m, per stretched
     length) and its standard deviation (1/m). `rms` (m) is the root mean square distance of the
-    seen targets from the curve, per coordinate, before the curve was shifted to pass through the
-    nominal position of the first target.
+    seen targets from the curve, per coordinate.
     """
 
     stamp_ns: int
@@ -169,11 +168,10 @@ class Smoother:
         if operator is None:
             return None
         least = math.hypot(self.settings.least_std * self.length, self.placement_std)
-        origin = float(self.target_arclength[0]) if seen[0] else math.nan
         out = np.empty((5, operator.arclength.size))
         numbers = smoother_numbers(self.settings)
         rms = smooth_targets(
-            sightings.x, sightings.y, sightings.std, operator, least, origin, numbers, out
+            sightings.x, sightings.y, sightings.std, operator, least, numbers, out
         )
         if not math.isfinite(rms):
             return None
@@ -297,14 +295,12 @@ def smooth_targets(
     std: Array,
     operator: SmoothingOperator,
     least_std: float,
-    origin: float,
     settings: SmootherSettings,
     out: Array,
 ) -> float:
     """Fill out (5, stations) with x, y, theta, curvature, std of curvature; return the rms.
 
-    x, y, std (all targets,) m; least_std: smallest plausible noise (m); origin: the curve is moved
-    to pass through (origin, 0) m at the first seen target; NaN: it is not moved.
+    x, y, std (all targets,) m; least_std: smallest plausible noise (m).
     """
     (
         seen, distances, slope, modes, mode_variances, theta_rows, curvature_rows,
@@ -376,8 +372,6 @@ def smooth_targets(
     for target in range(seen.size):
         squares += (px[target_points[target]] + offset_x - x[seen[target]]) ** 2
         squares += (py[target_points[target]] + offset_y - y[seen[target]]) ** 2
-    if not math.isnan(origin):
-        offset_x, offset_y = origin, 0.0
     first = theta[station_points[0]]
     whole_turns = 2.0 * math.pi * math.ceil(first / (2.0 * math.pi) - 0.5)
     for station in range(station_points.size):
