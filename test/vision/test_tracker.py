@@ -451,14 +451,14 @@ def test_a_lost_row_is_searched_everywhere_only_now_and_then(watching):
     assert watching.show(grey).sightings.seen == TARGETS  # where it was
 
 
-@pytest.mark.parametrize('readout', [0.025, -0.025])
-def test_targets_seen_row_by_row_are_where_they_were_at_the_stamp(readout):
-    """A rolling shutter sees those of a moving arm at times of their own."""
+@pytest.fixture(scope='module', params=[0.025, -0.025])
+def seen_row_by_row(request):
+    """Return a rolling shutter, pictures of a moving arm by it, and the pressure in time."""
 
     def pressure(seconds):
         return 25e3 * (1.0 - np.cos(3.0 * max(seconds, 0.0)))
 
-    shutter = Shutter(readout=readout)
+    shutter = Shutter(readout=request.param)
     drawn, pictures = Film(), []
     height, width = drawn.lens.height, drawn.lens.width
     for frame in range(1, 16):
@@ -467,6 +467,12 @@ def test_targets_seen_row_by_row_are_where_they_were_at_the_stamp(readout):
             seconds = frame * FRAME_NS / SECOND + shutter.seconds_after_stamp(rows.mean(), height)
             picture[rows] = drawn.picture(pressure(float(seconds)))[0][rows]
         pictures.append(picture)
+    return shutter, pictures, pressure
+
+
+def test_targets_seen_row_by_row_are_where_they_were_at_the_stamp(seen_row_by_row):
+    """A rolling shutter sees those of a moving arm at times of their own."""
+    shutter, pictures, pressure = seen_row_by_row
     off, claimed = {}, []
     for name, settings in (('told', CameraSettings(shutter=shutter)), ('not', CameraSettings())):
         film = Film(settings)
@@ -483,6 +489,20 @@ def test_targets_seen_row_by_row_are_where_they_were_at_the_stamp(readout):
         off[name] = max(errors[2:])
     assert off['told'] < 0.2 * off['not'] > 1e-4
     assert np.median(claimed) < 2.5
+
+
+def test_a_row_found_again_does_not_claim_to_be_where_it_was_at_the_stamp(seen_row_by_row):
+    """Its velocity is not known then, only that it can be followed."""
+    shutter, pictures, pressure = seen_row_by_row
+    film = Film(CameraSettings(shutter=shutter))
+    film.rest()
+    for picture in (*pictures[:11], np.zeros_like(pictures[11]), pictures[12]):
+        outcome = film.show(picture)
+    x, y = film.motion.targets(pressure(13 * FRAME_NS / SECOND))
+    error = np.hypot(outcome.sightings.x - x, outcome.sightings.y - y)
+    assert outcome.sightings.seen >= TARGETS - 2
+    assert np.nanmax(error) > 5e-4
+    assert np.nanmax(error / outcome.sightings.std) < 2.5
 
 
 def test_targets_that_leave_the_image_are_missing():

@@ -212,6 +212,11 @@ class Shutter:
         """Whether all rows of the image are exposed at its stamp."""
         return self.readout == 0.0 and self.exposure == 0.0
 
+    @property
+    def least_interval(self) -> float:
+        """Shortest time between two images, s: that in which one of them is exposed."""
+        return max(abs(self.readout), self.exposure)
+
     def seconds_after_stamp(self, v: Array, height: int) -> Array:
         """Return the mid-exposure times of rows v (n,) px, s after the stamp."""
         after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1)

@@ -130,16 +130,18 @@ def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
     """Return a row moved to the stamp of its frame.
 
     A rolling shutter sees each target at a different time. A target of unknown motion, such as in
-    the first frame that shows it, is not moved.
+    the first frame that shows it, may move as fast as it could be followed in frames that follow
+    each other without a pause: it is not moved, but less certain.
     """
-    shutter = view.settings.shutter
-    known = np.isfinite(row.points[:, 0]) & np.isfinite(now.velocity_std)
-    if shutter.is_at_stamp or not known.any():
+    shutter, seen = view.settings.shutter, np.isfinite(row.points[:, 0])
+    if shutter.is_at_stamp or not seen.any():
         return row
-    seconds = shutter.seconds_after_stamp(row.table[known, V], view.image.height)
-    normalized = view.lens.undistort(row.table[known, :2] - seconds[:, None] * now.velocity[known])
+    seconds = shutter.seconds_after_stamp(row.table[seen, V], view.image.height)
+    normalized = view.lens.undistort(row.table[seen, :2] - seconds[:, None] * now.velocity[seen])
     points, std = row.points.copy(), row.std.copy()
-    points[known] = view.plane.points(normalized)
+    points[seen] = view.plane.points(normalized)
     scale = view.lens.scale(normalized) * view.plane.scale(normalized)
-    std[known] = np.hypot(std[known], np.abs(seconds) * now.velocity_std[known] * scale)
+    fastest = view.settings.gate * now.spacing / shutter.least_interval
+    velocity_std = np.where(np.isfinite(now.velocity_std), now.velocity_std, fastest)[seen]
+    std[seen] = np.hypot(std[seen], np.abs(seconds) * velocity_std * scale)
     return replace(row, points=points, std=std)
