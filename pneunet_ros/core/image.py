@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
+import sys
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
@@ -91,16 +92,20 @@ def lab_color(color: tuple[float, float, float]) -> tuple[tuple[float, ...], flo
     return lab, float(np.hypot(lab[1] - 128.0, lab[2] - 128.0))
 
 
-def eight_bits(levels: Levels) -> Bytes:
-    """Reduce 16-bit levels to 8 bits by the number of bits in use.
-
-    A camera of 10, 12 or 14 bits fills the lower bits without stating how many: the smallest even
-    number of bits that holds all values of the image is assumed.
-    """
-    if levels.dtype == np.uint8:
-        return np.asarray(levels, np.uint8)
-    used = int(levels.max(initial=0)).bit_length()
-    return np.asarray(levels >> max(used + used % 2 - 8, 0), np.uint8)
+def pixel_image(pixels: Levels, stamp_ns: int, frame_id: str) -> Image:
+    """Return decoded pixels, (height, width) grey or (height, width, 3) bgr, as an image."""
+    name, channels = ('mono', 1) if pixels.ndim == 2 else ('bgr', 3)
+    height, width = pixels.shape[:2]
+    return Image(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        width=width,
+        height=height,
+        step=channels * width * pixels.itemsize,
+        encoding=f'{name}{8 * pixels.itemsize}',
+        data=np.ascontiguousarray(pixels).view(np.uint8).reshape(-1),
+        big_endian=sys.byteorder == 'big',
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,8 +113,9 @@ class Image:
     """A camera image: `height` rows of `step` bytes each, with `width` pixels.
 
     `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS; big_endian: byte order of
-    two-byte values. Pixel (u, v) = (0, 0) is the center of the first pixel, u to the right, v
-    down. Raises MessageError if these do not match.
+    two-byte values; bits: how many of these are in use, 0: those of `bits_used`. Pixel (u, v) =
+    (0, 0) is the center of the first pixel, u to the right, v down. Raises MessageError if these
+    do not match.
     """
 
     stamp_ns: int
@@ -120,6 +126,7 @@ class Image:
     encoding: str
     data: Bytes
     big_endian: bool = False
+    bits: int = 0
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -168,12 +175,45 @@ class Image:
         made: Made = self._made[key]
         return made
 
+    @property
+    def bits_used(self) -> int:
+        """Number of bits in use of two-byte values; 8 for other encodings.
+
+        A camera of 10, 12 or 14 bits fills the lower bits without stating how many: the smallest
+        even number of bits that holds the image, except for hot pixels, is assumed.
+        """
+        return self.once('bits', self._bits_used)
+
+    def _bits_used(self) -> int:
+        layout = ENCODINGS[self.encoding]
+        if not layout.deep:
+            return 8
+        import cv2
+
+        pixels, apart = self._pixels()[:, :, :3], 1 + self.encoding.startswith('bayer')
+        colors = [pixels[i::apart, j::apart] for i in range(apart) for j in range(apart)]
+        usual = [cv2.medianBlur(np.ascontiguousarray(it), 3) for it in colors if it.size]
+        most = max(int(np.max(levels)) for levels in usual)
+        return max(most.bit_length() + most.bit_length() % 2, 8)
+
+    def with_bits(self, bits: int) -> Image:
+        """Return this image with another number of bits in use of two-byte values."""
+        if not ENCODINGS[self.encoding].deep:
+            return self
+        return self.once(('bits', bits), lambda: replace(self, bits=bits))
+
+    def _eight_bits(self, levels: Levels) -> Bytes:
+        if levels.dtype == np.uint8:
+            return np.asarray(levels, np.uint8)
+        more = (self.bits or self.bits_used) - 8
+        return np.asarray(np.minimum(levels >> more, 255), np.uint8)
+
     def grey(self) -> Bytes:
         """Brightness of all pixels, (height, width); a view if the image is grey."""
         return self.once('grey', self._grey)
 
     def _grey(self) -> Bytes:
-        return eight_bits(ENCODINGS[self.encoding].grey(self._pixels()))
+        return self._eight_bits(ENCODINGS[self.encoding].grey(self._pixels()))
 
     def _pixels(self) -> Levels:
         """Return all values as received, (height, width, channels)."""
@@ -207,7 +247,7 @@ class Image:
             )
         import cv2
 
-        pixels = np.ascontiguousarray(eight_bits(convert(self._pixels())))
+        pixels = np.ascontiguousarray(self._eight_bits(convert(self._pixels())))
         lab = cv2.cvtColor(pixels, cv2.COLOR_BGR2LAB)
         target, largest_distance = lab_color(color)
         levels = np.arange(256.0)

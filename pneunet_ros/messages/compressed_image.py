@@ -15,7 +15,7 @@ import tempfile
 from typing import Any
 
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.image import Bytes, eight_bits, LARGEST_SIDE
+from pneunet_ros.core.image import Bytes, LARGEST_SIDE, Levels
 
 COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
 LARGEST_AREA = 64_000_000  # px; 64 MB of grey levels
@@ -33,7 +33,7 @@ _BY_DECODERS = re.compile(
 _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error).*')
 
 
-def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
+def decode_compressed(data: Bytes, *, colored: bool = False) -> Levels:
     """Return the grey levels (height, width) of a jpeg or png, recognized by its magic bytes.
 
     colored: whether to return its colors instead, (height, width, 3), blue-green-red.
@@ -74,7 +74,8 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Bytes:
         )
     if pixels is None or pixels.shape[:2] != (height, width):
         raise MessageError(f'a {kind} of {width} x {height} pixels is damaged', reason='damaged')
-    return eight_bits(pixels)
+    levels: Levels = pixels
+    return levels
 
 
 def decode_with_messages(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:

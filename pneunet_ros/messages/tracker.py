@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.image import Bytes, Image, pixel_image
 from pneunet_ros.lab.pictures.lens import Camera
 from pneunet_ros.messages.builders import (
     ARRAY_TYPE,
@@ -53,25 +53,15 @@ def decode_image(message: Any) -> Image:
 
 
 def decode_compressed_image(message: Any, *, colored: bool = False) -> Image:
-    """Return the image of a CompressedImage as mono8; MessageError if it cannot be read.
+    """Return the grey image of a CompressedImage; MessageError if it cannot be read.
 
-    colored: whether to return it as bgr8 instead.
+    colored: whether to return it in colors instead.
     """
     with usable(COMPRESSED_TYPE):
         stamp_ns = nanoseconds(message.header.stamp)
         frame_id = str(message.header.frame_id)
         data = _bytes(message.data)
-    pixels = decode_compressed(data, colored=colored)
-    height, width = pixels.shape[:2]
-    return Image(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        width=width,
-        height=height,
-        step=3 * width if colored else width,
-        encoding='bgr8' if colored else 'mono8',
-        data=pixels.ravel(),
-    )
+    return pixel_image(decode_compressed(data, colored=colored), stamp_ns, frame_id)
 
 
 def decode_camera_info(message: Any) -> Lens:

@@ -101,6 +101,7 @@ class Polarity:
 class TrackerState:
     """State of a tracker between frames.
 
+    `bits`: the most that were in use of an image until a row was found, kept while it is followed.
     `frames` were processed, `explained` of them show the arm; `unexplained` counts the others by
     reason, `rejected` the images that were not processed. `trouble`: why there is no working plane
     for this lens; `still`: by polarity, areas that do not move while no frame shows the arm;
@@ -119,6 +120,7 @@ class TrackerState:
     row: TrackedRow | None = None
     lost: TrackedRow | None = None
     searched_ns: int = 0
+    bits: int = 0
     stamps: StampGate = field(default_factory=StampGate)
     frames: int = 0
     explained: int = 0
@@ -203,6 +205,9 @@ class Tracker:
         state, refusal = self._admitted(state, reading)
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
+        if state.row is None:
+            state = replace(state, bits=max(state.bits, reading.bits_used))
+        reading = reading.with_bits(state.bits)
         if self.settings.dot_color is not None:
             image = reading.closeness(self.settings.dot_color)
             return self._look(state, image, BRIGHT, taken=taken)

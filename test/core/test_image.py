@@ -83,6 +83,19 @@ def test_deep_pictures_are_scaled_by_the_bits_that_are_used(bits):
     assert (grey[0, 0], grey[0, 1]) == (128, 255)
 
 
+@pytest.mark.parametrize('encoding', ['mono16', 'rgb16', 'bayer_rggb16'])
+def test_a_hot_pixel_does_not_decide_how_many_bits_are_in_use(encoding):
+    rows, _ = stored(4 * SMOOTH.astype(np.uint16), encoding)
+    rows[4, 4] = 65535
+    image = image_of(rows, encoding)
+    assert image.bits_used == 10
+    away = np.ones(SHAPE, np.bool_)
+    away[2:7, :7] = away[[0, -1]] = away[:, [0, -1]] = False
+    assert np.abs(image.grey()[away].astype(int) - SMOOTH[away]).max() <= 1
+    assert image.grey().max() == 255
+    assert image.with_bits(12).grey()[6, 9] == pytest.approx(SMOOTH[6, 9] / 4, abs=0.5)
+
+
 def test_colors_are_where_the_encoding_says():
     bgr = np.random.default_rng(1).integers(0, 256, (*SHAPE, 3), np.uint8)
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)

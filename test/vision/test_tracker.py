@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.image import pixel_image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.share import share_path
@@ -66,8 +67,12 @@ class Film:
 
     def show(self, grey, **changes):
         """Show a picture to the tracker as the next frame."""
+        return self.show_image(as_image(np.ascontiguousarray(grey), stamp_ns=0, **changes))
+
+    def show_image(self, image):
+        """Show an image to the tracker as the next frame."""
         self.stamp_ns += FRAME_NS
-        image = as_image(np.ascontiguousarray(grey), stamp_ns=self.stamp_ns, **changes)
+        image = replace(image, stamp_ns=self.stamp_ns)
         self.state, outcome = self.tracker.step(self.state, image)
         return outcome
 
@@ -225,6 +230,21 @@ def test_every_encoding_gives_the_same_targets(encoding):
     truth = pictures[-1][1]
     off = np.hypot(outcome.sightings.u - truth.centroid_u, outcome.sightings.v - truth.centroid_v)
     assert off.max() < 0.3
+
+
+def test_deep_images_keep_their_depth_whatever_single_pixels_or_glints_say():
+    """Of 12 bits, 10 are in use: whatever takes more for a moment changes nothing."""
+    film = Film()
+
+    def show(frame):
+        deep = 5 * film.picture()[0].astype(np.uint16) // 2
+        deep[5, 5] = 4095 if frame % 2 else 0
+        deep[:9, 9:18] = 1030 if frame > REST and frame % 2 else 0
+        return film.show_image(pixel_image(deep, 0, 'camera'))
+
+    for frame in range(1, 2 * REST):
+        outcome = show(frame)
+        assert outcome.reason == ('resting' if frame < REST else '')
 
 
 def test_a_fixed_band_finds_the_same_targets():

@@ -8,14 +8,14 @@ import re
 
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.core.image import Bytes, eight_bits, Image
+from pneunet_ros.core.image import Bytes, Image, Levels, pixel_image
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_with_messages
 from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, PICTURES
 from pneunet_ros.recordings.images.image_stream import (
+    CAMERA_FRAME,
     checked_rate,
     counted_clock,
-    image_of,
     IMAGE_TOPIC,
     ImageStream,
     LENS_FILES,
@@ -83,14 +83,14 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
             )
         data = np.frombuffer(content, np.uint8)
         decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
-        return image_of(decode(data, colored=colored), stamp_ns)
+        return pixel_image(decode(data, colored=colored), stamp_ns, CAMERA_FRAME)
     except MessageError as error:
         return MessageError(f'{file}: {error}', reason=error.reason)
     except OSError as error:
         return MessageError(f'{file} cannot be read: {error.strerror}', reason='unreadable')
 
 
-def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
+def _decode_plain(data: Bytes, *, colored: bool) -> Levels:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
     grey, messages = decode_with_messages(data, colored=colored)
     if grey is None or messages:  # OpenCV also decodes a damaged tiff
@@ -100,4 +100,5 @@ def _decode_plain(data: Bytes, *, colored: bool) -> Bytes:
             f'an image of {grey.dtype} cannot be read, only images with 8 or 16 bits per channel',
             reason='not_supported',
         )
-    return eight_bits(grey)
+    levels: Levels = grey
+    return levels

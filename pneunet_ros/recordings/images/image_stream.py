@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.errors import PneunetError, RequestError
-from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.recordings.file_kinds import NO_LENS
@@ -101,21 +101,6 @@ def checked_rate(rate: float | None) -> float | None:
 def counted_clock(rate: float) -> str:
     """Describe stamps that count the frames at a rate (Hz)."""
     return f'frames counted, {rate:g} per second'
-
-
-def image_of(pixels: Bytes, stamp_ns: int) -> Image:
-    """Return decoded pixels, (height, width) grey or (height, width, 3) bgr, as an image."""
-    height, width = pixels.shape[:2]
-    colored = pixels.ndim == 3
-    return Image(
-        stamp_ns=stamp_ns,
-        frame_id=CAMERA_FRAME,
-        width=width,
-        height=height,
-        step=3 * width if colored else width,
-        encoding='bgr8' if colored else 'mono8',
-        data=np.ascontiguousarray(pixels).reshape(-1),
-    )
 
 
 def stream_of_file(

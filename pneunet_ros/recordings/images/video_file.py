@@ -12,10 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RecordingError, RequestError
+from pneunet_ros.core.image import pixel_image
 from pneunet_ros.recordings.images.image_stream import (
+    CAMERA_FRAME,
     checked_rate,
     counted_clock,
-    image_of,
     IMAGE_TOPIC,
     ImageStream,
     RATES,
@@ -79,9 +80,8 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
                 break
             since = video.get(cv2.CAP_PROP_POS_MSEC) - times[0]
             stamp_ns = 1 + round(since * 1e6) if timed else stamp_at(index, used)
-            yield StreamItem(
-                stamp_ns, IMAGE_TOPIC, image_of(np.asarray(pixels, np.uint8), stamp_ns), b''
-            )
+            image = pixel_image(np.asarray(pixels, np.uint8), stamp_ns, CAMERA_FRAME)
+            yield StreamItem(stamp_ns, IMAGE_TOPIC, image, b'')
             index += 1
         video.release()
         if why := _breaks_off(path, index, 1 + since * file_rate / 1e3, frames):
