@@ -55,7 +55,7 @@ class StampGate:
         """
         reason, sentence = stamp_fault(what, self.last_ns, stamp_ns)
         if reason == RESTARTED and self.before_ns is not None and stamp_ns > self.before_ns:
-            return AHEAD, f'a {what} was stamped ahead of its time: left out'
+            return AHEAD, f'the {what} before was stamped ahead of its time'
         return reason, sentence
 
     def after(self, stamp_ns: int) -> StampGate:

@@ -146,10 +146,11 @@ def record_tracking(
 class TrackTally:
     """Tracking counts; each frame counts once, under one reason or none.
 
-    seen (targets,): number of explained frames in which each target was seen; sentences: the
-    latest for each reason; causes: counts of the causes (keys of CAUSES) for which a target was
-    not seen. points: (2, targets) m of each explained frame; last_pixel: first position of the
-    last target; log_areas (targets,): sum of log areas relative to the median of their frame.
+    warnings: number of frames with each warning about the frame before; seen (targets,): number of
+    explained frames in which each target was seen; sentences: the latest for each reason; causes:
+    counts of the causes (keys of CAUSES) for which a target was not seen. points: (2, targets) m
+    of each explained frame; last_pixel: first position of the last target; log_areas (targets,):
+    sum of log areas relative to the median of their frame.
     """
 
     targets: int
@@ -160,6 +161,7 @@ class TrackTally:
     worst_rms: float = 0.0
     reasons: Counter[str] = field(default_factory=Counter)
     causes: Counter[tuple[str, int]] = field(default_factory=Counter)
+    warnings: Counter[str] = field(default_factory=Counter)
     sentences: dict[str, str] = field(default_factory=dict)
     seen: Array = field(init=False)
     last_pixel: tuple[float, float] | None = None
@@ -180,6 +182,8 @@ class TrackTally:
         self.frames += step.frame
         if outcome is None:
             return
+        if isinstance(outcome, Tracking) and outcome.warning:
+            self.warnings[outcome.warning] += 1
         if isinstance(outcome, Refusal) or outcome.reason:
             self.sentences[outcome.reason] = outcome.sentence
             self.resting += outcome.reason == RESTING
@@ -233,7 +237,10 @@ class TrackTally:
             f'{self.missing[targets].max():.0f} of {self.explained} frames: {CAUSES[cause]} '
             '(--preview shows where)'
             for cause, targets in mostly.items()
-        ] + self.odd_sized_dots
+        ] + [
+            *(f'{warning} (frames: {count})' for warning, count in self.warnings.items()),
+            *self.odd_sized_dots,
+        ]
 
     @property
     def odd_sized_dots(self) -> list[str]:

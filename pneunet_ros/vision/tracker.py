@@ -77,7 +77,8 @@ class Tracking:
     that does not show the arm, `reason` is a key for counting, `sentence` the message to the user,
     and there are no targets and no curve; both are empty for other frames. missing: the targets
     not seen in a tracked frame; found (areas, 2) px: candidate areas in a frame that was not
-    tracked, for the polarity in the sentence, and row: the number of targets in a row there.
+    tracked, for the polarity in the sentence, and row: the number of targets in a row there;
+    warning: what the stamp of this frame says about the frame before, as a message to the user.
     """
 
     sightings: TargetSightings
@@ -87,6 +88,7 @@ class Tracking:
     missing: Mapping[int, Missing] = field(default_factory=lambda: MappingProxyType({}))
     found: Array = field(default_factory=lambda: np.empty((0, 2)))
     row: int = 0
+    warning: str = ''
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,12 +204,18 @@ class Tracker:
         """
         if isinstance(reading, Lens):
             return self._with_lens(state, reading), None
-        state, refusal = self._admitted(state, reading)
+        state, refusal, warning = self._admitted(state, reading)
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
         if state.row is None:
             state = replace(state, bits=max(state.bits, reading.bits_used))
-        reading = reading.with_bits(state.bits)
+        state, tracking = self._take(state, reading.with_bits(state.bits), taken)
+        return state, replace(tracking, warning=warning)
+
+    def _take(
+        self, state: TrackerState, reading: Image, taken: Array | None
+    ) -> tuple[TrackerState, Tracking]:
+        """Process an image that is not refused."""
         if self.settings.dot_color is not None:
             image = reading.closeness(self.settings.dot_color)
             return self._look(state, image, BRIGHT, taken=taken)
@@ -491,9 +499,12 @@ class Tracker:
             trouble = str(error)
         return replace(state, lens=lens, plane=plane, trouble=trouble)
 
-    def _admitted(self, state: TrackerState, image: Image) -> tuple[TrackerState, Refusal | None]:
-        """Whether an image can be processed; it may reset the tracker."""
+    def _admitted(
+        self, state: TrackerState, image: Image
+    ) -> tuple[TrackerState, Refusal | None, str]:
+        """Whether an image can be processed, and a warning; it may reset the tracker."""
         reason, sentence = state.stamps.fault('image', image.stamp_ns)
+        warning = sentence if reason == AHEAD else ''
         if reason == RESTARTED:
             state, reason = self.reset(state), ''
         elif reason == AHEAD:  # what moved since is not known, where the camera is has not changed
@@ -519,11 +530,12 @@ class Tracker:
                 f'{image.encoding} have none that can be read'
             )
         if not reason:
-            return state, None
-        return state, Refusal(
+            return state, None, warning
+        refusal = Refusal(
             stamp_ns=image.stamp_ns,
             reason=reason,
             sentence=sentence,
             error=error,
             awaits_others=reason == 'no_camera_info',
         )
+        return state, refusal, warning

@@ -292,6 +292,17 @@ def test_a_target_that_is_hidden_is_missing(peer):
     assert (values['seen'], values['missing'], values['missing_ids']) == ('22', '1', '9')
 
 
+def test_an_image_stamped_ahead_is_told_by_the_next(peer):
+    show_film(peer)
+    show(peer, LAST, filmed.stamp_of(20) + 5_000_000_000)
+    before = peer.report()[2]
+    assert seen(show(peer, LAST, filmed.stamp_of(21))) == COUNT
+    level, said, after = peer.report()
+    assert Level(level).name == 'WARN' and 'ahead' in said
+    assert rejected(after, 'ahead') - rejected(before, 'ahead') == 1
+    assert after['resets'] == before['resets']
+
+
 def test_a_jump_back_in_time_starts_anew(peer):
     assert seen(show_film(peer, begin=1000)) == COUNT
     peer.report()

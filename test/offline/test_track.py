@@ -288,6 +288,18 @@ def test_a_tally_counts_what_the_steps_say(track):
     assert tally.scale == pytest.approx(0.00026, rel=2e-3)
 
 
+def test_a_tally_tells_of_images_stamped_ahead(tmp_path):
+    messages = film(SHOWN)
+    stamp = messages[-6][3].header.stamp  # of the last image but one
+    stamp.sec += 5
+    path = write_messages(tmp_path / 'in.mcap', messages)
+    tally = TrackTally(targets=TARGETS)
+    for step in track_steps(open_images(path, SourceRequest()), TRACKER):
+        tally.count(step)
+    assert any('ahead' in note for note in tally.notes)
+    assert tally.explained == EXPLAINED
+
+
 def test_a_tally_of_nothing_has_no_numbers():
     tally = TrackTally(targets=3)
     assert np.isnan([tally.scale, tally.rms]).all()

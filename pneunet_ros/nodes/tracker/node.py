@@ -11,7 +11,8 @@ from typing import ClassVar
 
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.kernels import jit
-from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.outcome import drop, Refusal
+from pneunet_ros.core.stamps import AHEAD
 from pneunet_ros.messages import builders
 from pneunet_ros.messages.builders import header, IMAGE_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
@@ -84,6 +85,10 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
             self.log.warn('reset', sentence, time.monotonic())
         assert outcome is not None
         if isinstance(outcome, Tracking):
+            if outcome.warning:
+                warning = drop(image.stamp_ns, AHEAD, outcome.warning)
+                self.health.note_refusal(warning)
+                self.log_refusal(warning)
             self.publish(outcome)
             self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
             if self.annotated.get_subscription_count():
