@@ -15,7 +15,6 @@ from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
 from pneunet_ros.diagnosis.fit.refit import effect_direction, Refit
 from pneunet_ros.discovery.amplitude import Projection, Runs
-from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause
 from pneunet_ros.discovery.search import Search
 import scipy
@@ -85,7 +84,7 @@ class Columns:
 
     def add_kinds(self, search: Search, parts: list[list[Array]]) -> None:
         """Add every term of every kind at every place that is tried."""
-        for kind in KINDS.values():
+        for kind in search.kinds:
             for position in search.positions(kind):
                 cause = search.cause(kind, position)
                 if cause is None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import quantities
+from pneunet_ros.effects.arm_size import ArmSize, PAPER_PRESSURE, scaled_prior
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.model.arm import Arm
 
@@ -17,9 +18,13 @@ NAMES = tuple(f'{KEY}.{item.name}' for item in PARAMETERS)
 SIZE = len(NAMES)
 
 
-def prior_std() -> Array:
-    """Return one sigma of the parameters (SIZE,), SI: half of the prior range of the effect."""
-    return np.array([0.5 * max(map(abs, item.metadata['prior'])) for item in PARAMETERS])
+def prior_std(most: float) -> Array:
+    """Return one sigma of the parameters (SIZE,), SI: half of the prior range of the effect.
+
+    most: largest pressure (Pa) of the arm, either sign.
+    """
+    size = ArmSize(pressure=most / PAPER_PRESSURE)
+    return np.array([0.5 * max(map(abs, scaled_prior(item, size))) for item in PARAMETERS])
 
 
 def limits() -> tuple[Array, Array]:

@@ -136,7 +136,8 @@ class Parameters:
         """Prior variances of the elongation parameters; empty without them."""
         if self.elongates is None:
             return np.zeros(0)
-        return elongation.prior_std() ** 2 * (1.0 if self.elongates else NUGGET)
+        std = elongation.prior_std(float(np.max(np.abs(self.pressure))))
+        return std**2 * (1.0 if self.elongates else NUGGET)
 
     @property
     def cells(self) -> int:

@@ -85,20 +85,24 @@ def quantity(
     meaning: str = '',
     bounds: tuple[float, float] = (-math.inf, math.inf),
     prior: tuple[float, float] | None = None,
+    prior_scales: bool = False,
     source: str = '',
     shape: bool = False,
 ) -> Any:
     """Declare a dataclass field that is a physical quantity.
 
     unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
-    which the value is expected before any data. source: where the default or the bounds come from.
-    shape: whether the quantity describes the form of an effect, not its size.
+    which the value is expected before any data. prior_scales: whether it is that of the paper's
+    arm, and scales with the size of another one (`effects/arm_size.py`). source: where the default
+    or the bounds come from. shape: whether the quantity describes the form of an effect, not its
+    size.
     """
     metadata = {
         'unit': unit,
         'meaning': meaning,
         'bounds': bounds,
         'prior': prior or bounds,
+        'prior_scales': prior_scales,
         'source': source,
         'shape': shape,
     }

@@ -141,7 +141,7 @@ def investigate_at_rest(
     training, held_out = few[:count], few[count:]
     notes = (*describe_thinning(few, rested), *notes)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
-    asked = hypotheses(tuple(effect.name for effect in model.effects), settings.hypothesis)
+    asked = hypotheses(model, settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings),
         hypotheses=considered_hypotheses(asked, training),
@@ -245,8 +245,8 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     settings = selection.settings.hypothesis
     if any(carries_time(run) for run in training):
         return ()
-    known = {effect.name for effect in selection.linearization.point.arm.effects}
-    names = [item.name for item in hypotheses(tuple(known), settings) if item.has_memory]
+    arm = selection.linearization.point.arm
+    names = [item.name for item in hypotheses(arm, settings) if item.has_memory]
     why = f'no training recording has {settings.fewest_in_time} frames'
     if all(run.static for run in training):
         why = 'frames are static, so their stamps carry no time'

@@ -17,7 +17,7 @@ from pneunet_ros.calibration.motion.motion_problem import Flags
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.units import millimeters
+from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.evaluation import distances, noise_floor, removed_share
 from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Estimated, Misfit, NamedEffect
@@ -183,8 +183,13 @@ def unloaded(runs: Sequence[RecordingData]) -> list[RecordingData]:
 
 def detectable(diagnosis: Diagnosis, smallest: float) -> Mapping[str, Detectable]:
     """Return detection limits with that of inertia, a damping time (s)."""
+    time = next(item for item in quantities(Inertia) if item.name == 'damping_time')
     limit = Detectable(
-        parameter='damping_time', observable=math.isfinite(smallest), smallest=smallest, unit='s'
+        parameter=time.name,
+        observable=math.isfinite(smallest),
+        smallest=smallest,
+        expected=time.metadata['prior'],
+        unit=time.metadata['unit'],
     )
     return {**diagnosis.detectable, NAME: limit}
 

@@ -105,12 +105,13 @@ class Detectable:
     """The detection limit of an effect: its smallest size that these recordings would have shown.
 
     parameter: the quantity of `smallest` (SI, `unit`), which for a stiffness is the largest value;
-    observable: whether it is within the prior range.
+    observable: whether it is within the prior range; expected: that range (SI).
     """
 
     parameter: str
     observable: bool
     smallest: float
+    expected: tuple[float, float]
     unit: str
 
 

@@ -28,7 +28,6 @@ from pneunet_ros.diagnosis.selection import evidence_margin, Record, Trial
 from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, Proposal
-from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.library_words import is_equivalent_to, LIBRARY_WORDS
 from pneunet_ros.discovery.proposed_effect import effect_name, LAW_ERROR
@@ -355,15 +354,17 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
 def cause_map(search: Search, base: Trial) -> CauseMap:
     """Return the share explained by every kind with its best law, by position."""
     grid = np.linspace(0.0, 1.0, GRID)
-    share, total = np.full((len(KINDS), grid.size), np.nan), excess_of(base)
-    for row, kind in enumerate(KINDS.values()):
+    share, total = np.full((len(search.kinds), grid.size), np.nan), excess_of(base)
+    for row, kind in enumerate(search.kinds):
         for index, position in enumerate(search.positions(kind)):
             law = search.law(kind, position, search.runs)
             explained = 0.0 if law is None else law.explained
             cells = slice(None) if position is None else slice(index, index + 1)
             share[row, cells] = explained
     return CauseMap(
-        kinds=tuple(KINDS), positions=grid, share=share / max(total, float(np.nanmax(share)))
+        kinds=tuple(kind.name for kind in search.kinds),
+        positions=grid,
+        share=share / max(total, float(np.nanmax(share))),
     )
 
 

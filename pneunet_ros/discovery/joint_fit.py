@@ -167,7 +167,7 @@ class JointFits:
         None if the arm has no shape with it in a training or held-out recording.
         """
         parameters = self.search.parameters(kind, terms)
-        added = hypothesis(effect_class(self.search.source(kind, parameters)))
+        added = hypothesis(effect_class(self.search.source(kind, parameters)), self.search.size)
         if hold_position:
             added = with_held_position(added, float(numbers[-1]))
         known = self.base.refit

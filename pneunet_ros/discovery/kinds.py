@@ -8,10 +8,11 @@ the proposed effect file are all made from it (`proposed_effect.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from pneunet_ros.discovery.covariates import Group
+from pneunet_ros.effects.arm_size import ArmSize
 from pneunet_ros.effects.effect import Place
 
 Method = Literal['terms', 'sense', 'actuate', 'see', 'frame_delay']
@@ -22,7 +23,7 @@ class Native:
     """A covariate computed from the equilibrium, which an amplitude cannot follow.
 
     code: arguments of `Terms`, with `coefficient`; words as for a covariate; unit and prior std
-    (SI) of the coefficient, which is never negative.
+    (SI) of the coefficient for the paper's arm, which is never negative.
     """
 
     code: str
@@ -36,8 +37,9 @@ class Kind:
     """One kind of cause.
 
     subject: beginning of a sentence that ends with the law of its amplitude; unit and prior std
-    (SI) of the amplitude. positions: allowed range along the arm (s / l), None without a position;
-    width (s / l): of the part on which it acts. place: as in the contract of effects.
+    (SI) of the amplitude for the paper's arm. positions: allowed range along the arm (s / l), None
+    without a position; width (s / l): of the part on which it acts. place: as in the contract of
+    effects.
     """
 
     name: str
@@ -275,3 +277,18 @@ KINDS: dict[str, Kind] = {
         ),
     )
 }
+
+
+def kinds_of(size: ArmSize) -> tuple[Kind, ...]:
+    """Return all kinds with the priors of an arm of this size."""
+    return tuple(
+        replace(
+            kind,
+            prior=kind.prior * size.of(kind.unit),
+            natives={
+                name: replace(native, prior=native.prior * size.of(native.unit))
+                for name, native in kind.natives.items()
+            },
+        )
+        for kind in KINDS.values()
+    )

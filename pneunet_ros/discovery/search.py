@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.discovery.amplitude import Columns, PerRunColumns, Projection, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, covariates_of, ELAPSED
-from pneunet_ros.discovery.kinds import Kind, KINDS
+from pneunet_ros.discovery.kinds import Kind, kinds_of
 from pneunet_ros.discovery.law import Cause, choose_law, Law
 from pneunet_ros.discovery.proposed_effect import (
     effect_class,
@@ -68,6 +68,8 @@ class Search:
         self.linearization = fit.linearization
         self.projection = Projection(fit.gaussian)
         self.covariates = {item.name: item for item in covariates_of(self.linearization)}
+        self.size = self.linearization.point.arm.size
+        self.kinds = kinds_of(self.size)
         low, high = self.linearization.point.arm.table_range
         self.play = COVARIATES.play * (high - low)
         self.causes: dict[tuple[str, float | None], Cause | None] = {}
@@ -231,12 +233,12 @@ class Search:
             return Suspect(cause=cause, law=None, swing=swing)
 
         return best_first(
-            self.at_best_position(kind, partial(wandering, kind)) for kind in KINDS.values()
+            self.at_best_position(kind, partial(wandering, kind)) for kind in self.kinds
         )
 
     def suspects(self) -> list[Suspect]:
         """Return all kinds with a law or a swing, best first."""
-        return best_first(self.suspect(kind) for kind in KINDS.values())
+        return best_first(self.suspect(kind) for kind in self.kinds)
 
     def suspect(self, kind: Kind) -> Suspect | None:
         """Return a kind with its best prediction of left-out recordings; None if it has none."""

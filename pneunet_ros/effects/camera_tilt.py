@@ -29,6 +29,7 @@ class CameraTilt(Effect):
         meaning='decrease of the scale along E1',
         bounds=(-10.0, 10.0),
         prior=(-0.9, 0.9),
+        prior_scales=True,
         source=PRIOR,
     )
     tilt_y: float = quantity(
@@ -37,6 +38,7 @@ class CameraTilt(Effect):
         meaning='decrease of the scale along E2',
         bounds=(-10.0, 10.0),
         prior=(-0.9, 0.9),
+        prior_scales=True,
         source=PRIOR,
     )
 

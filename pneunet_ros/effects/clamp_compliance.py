@@ -25,6 +25,7 @@ class ClampCompliance(Effect):
         meaning='rotation of the clamp per moment',
         bounds=(0.0, 1e4),
         prior=(0.0, 20.0),
+        prior_scales=True,
         source='prior: up to 0.1 rad at the 5 mN m of Table 1',
     )
 

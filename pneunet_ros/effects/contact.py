@@ -27,6 +27,7 @@ class Contact(Effect):
         meaning='force along the normal',
         bounds=(-1e3, 1e3),
         prior=(-0.1, 0.1),
+        prior_scales=True,
         source='prior: half of the end forces of Table 1',
     )
     arclength: float = quantity(

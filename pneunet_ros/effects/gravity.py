@@ -26,6 +26,7 @@ class Gravity(Effect):
         meaning='weight per length along E1',
         bounds=(-1e3, 1e3),
         prior=(-3.0, 3.0),
+        prior_scales=True,
         source='prior: twice the weight of the solid arm, 0.17 N on 0.112 m',
     )
     weight_y: float = quantity(
@@ -34,6 +35,7 @@ class Gravity(Effect):
         meaning='weight per length along E2',
         bounds=(-1e3, 1e3),
         prior=(-3.0, 3.0),
+        prior_scales=True,
         source='prior: twice the weight of the solid arm, 0.17 N on 0.112 m',
     )
 

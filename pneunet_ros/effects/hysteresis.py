@@ -26,6 +26,7 @@ class Hysteresis(Effect):
         meaning='full width of the dead band',
         bounds=(0.0, 1e5),
         prior=(0.0, 4e3),
+        prior_scales=True,
         source='prior: a loop as wide as 6 % of the 66 kPa of Table 1',
     )
 

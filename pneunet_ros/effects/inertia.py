@@ -24,6 +24,7 @@ class Inertia(Effect):
         ),
         bounds=(0.0, 1e3),
         prior=(0.0, 0.02),
+        prior_scales=True,
         source='prior: up to the mass of the solid arm, 0.17 N / g',
     )
     damping_time: float = quantity(

@@ -30,6 +30,7 @@ class LensDistortion(Effect):
         meaning='relative increase of scale with the square of the distance; < 0: barrel',
         bounds=(-1e4, 1e4),
         prior=(-20.0, 20.0),
+        prior_scales=True,
         source='prior: 6 % at 0.056 m from the center, half of the arm of Table 1',
     )
     middle_x: float = quantity(
@@ -38,6 +39,7 @@ class LensDistortion(Effect):
         meaning='center of the image, along E1',
         bounds=(1e-3, 10.0),
         prior=(0.02, 0.2),
+        prior_scales=True,
         source='prior: the middle of an arm of 0.04 to 0.4 m',
         shape=True,
     )
@@ -47,6 +49,7 @@ class LensDistortion(Effect):
         meaning='center of the image, along E2',
         bounds=(-10.0, 10.0),
         prior=(-0.05, 0.05),
+        prior_scales=True,
         source='prior: half of an arm of 0.1 m',
         shape=True,
     )

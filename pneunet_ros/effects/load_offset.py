@@ -21,8 +21,9 @@ class LoadOffset(Effect):
         0.0,
         unit='m',
         meaning='distance of the point of action from the centerline',
-        bounds=(-0.1, 0.1),
+        bounds=(-10.0, 10.0),
         prior=(-0.012, 0.012),
+        prior_scales=True,
         source="prior: the paper's arm is 12 mm high",
     )
 

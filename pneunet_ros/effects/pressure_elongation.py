@@ -21,16 +21,18 @@ class PressureElongation(Effect):
         0.0,
         unit='1/Pa',
         meaning='linear part',
-        bounds=(-1e-5, 1e-5),
+        bounds=(-1e-3, 1e-3),
         prior=(-1e-6, 1e-5),
+        prior_scales=True,
         source='prior: 27 real actuators of docs/calibration.md, up to 7e-6, and some more',
     )
     strain_per_pascal_squared: float = quantity(
         0.0,
         unit='1/Pa^2',
         meaning='quadratic part',
-        bounds=(-1e-9, 1e-9),
+        bounds=(-1e-5, 1e-5),
         prior=(-1e-10, 1e-10),
+        prior_scales=True,
         source='prior: 27 real actuators of docs/calibration.md, to -7e-11, and some more',
     )
 

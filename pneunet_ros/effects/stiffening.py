@@ -23,6 +23,7 @@ class Stiffening(Effect):
         meaning='coefficient c',
         bounds=(0.0, 1.0),
         prior=(0.0, 1e-3),
+        prior_scales=True,
         source='prior: doubles the moment at d = 30 1/m',
     )
 

@@ -14,6 +14,7 @@ from pneunet_ros.core.arrays import Array, frozen_array, table_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import check_quantities, quantity, STANDARD_GRAVITY
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.arm_size import ArmSize, PAPER_FORCE, PAPER_LENGTH, PAPER_PRESSURE
 from pneunet_ros.effects.effect import (
     Effect,
     History,
@@ -240,6 +241,24 @@ class Arm:
         """The largest end force of the calibration (N), or the weight if there is none."""
         largest = 0.0 if self.domain is None else self.domain.largest_force
         return largest if largest > 0.0 else self.weight
+
+    @property
+    def size(self) -> ArmSize:
+        """Length, bending stiffness / length^2 and highest pressure relative to the paper's arm.
+
+        The stiffness is that of the whole arm at the lowest pressure of the tables.
+        """
+        lowest, highest = self.table_range
+        lowest_row = np.array([lowest if math.isfinite(lowest) else 0.0])
+        start, rigidity, _ = self.moment_law.sections(lowest_row, self.length, self.weight)[0].T
+        extent = np.diff(start, append=self.length)
+        force = 1.0 / (self.length * float(np.sum(extent / np.abs(rigidity))))
+        most = max((abs(end) for end in (lowest, highest) if math.isfinite(end)), default=0.0)
+        return ArmSize(
+            length=self.length / PAPER_LENGTH,
+            force=force / PAPER_FORCE,
+            pressure=most / PAPER_PRESSURE if most > 0.0 else 1.0,
+        )
 
     @property
     def clamp_record(self) -> Array:

@@ -79,7 +79,7 @@ def test_what_else_is_not_known_exactly_is_fitted_beside_mass_and_damping():
     """A camera that is 50 ms late instead of 30 takes a tenth of the damping with it."""
     scenario = swinging(*STEPS).with_effects({'camera_delay': {'delay': 0.03}})
     bare = dataclasses.replace(true_model(scenario), effects=())
-    run, known = run_of(simulate(scenario)).without_load(), hypothesis(CameraDelay)
+    run, known = run_of(simulate(scenario)).without_load(), hypothesis(CameraDelay, bare.size)
     arm, nearby = (
         dataclasses.replace(bare, effects=(CameraDelay(delay=0.05 + step * known.std[0]),))
         for step in (0.0, DIFFERENCE_STEP)

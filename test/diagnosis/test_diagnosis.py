@@ -30,6 +30,7 @@ import pytest
 from support.lab_designs import design, fitted, frame, HELD_OUT, HIDDEN, recorded, TRAINING
 from support.lab_run import run_of, true_model
 from support.refusals import refused
+from support.scaled import Size
 
 STRUCTURE = ('placement_std', 'registration_std', 'drift_std')
 SURE = 1.0 - DEFAULTS.confirmation.wrong
@@ -59,6 +60,18 @@ def clean() -> Diagnosis:
 def named() -> Diagnosis:
     """Return the diagnosis of recordings in which the load acts beside the centerline."""
     return found('load_offset')
+
+
+def test_an_arm_eight_times_as_long_lacks_the_same_effect():
+    """With the priors of the paper's arm its load was far outside of what is expected."""
+    size = Size(length=8.0, force=64.0, pressure=0.25)
+    ramp, _, _, sweeps, mix = (size.run(run) for run in recorded('load_offset'))
+    answer = diagnose(size.arm(frame()), [sweeps, ramp], [mix], seed=3)
+    assert answer.answer == 'named'
+    (effect,) = answer.effects
+    offset = effect.parameters['offset']
+    assert offset.value / 8.0 == pytest.approx(HIDDEN['load_offset']['offset'], abs=3e-4)
+    assert answer.detectable['load_offset'].expected == (-8.0 * 0.012, 8.0 * 0.012)
 
 
 def test_few_recordings_of_dots_beside_the_neutral_line_show_that_nothing_is_missing():
@@ -298,7 +311,7 @@ def test_static_frames_and_too_few_of_them_show_no_effect_with_a_time_in_it():
         ([static], swallowed | memory),
         ([static, ramp], swallowed),
     ):
-        names = {item.name for item in considered_hypotheses(hypotheses(), runs)}
+        names = {item.name for item in considered_hypotheses(hypotheses(frame()), runs)}
         assert names == set(EFFECTS) - without
 
 

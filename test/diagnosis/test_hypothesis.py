@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 import math
 
 import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.fit.hypothesis import hypotheses, Hypothesis, hypothesis
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.arm_size import ArmSize, scaled_prior
+from pneunet_ros.effects.creep import Creep
 from pneunet_ros.effects.effect import Load, NO_TERMS, PressureScale, Terms
+from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.model.arm import Arm
 import pytest
+from support.scaled import Size
 
 SCALE = PressureScale(rows=(0.0, 20e3, 40e3, 60e3), top=60e3, std=60.0)
 PRESSURE = np.array([0.0, 15e3, 50e3])
 everywhere = pytest.mark.parametrize('name', list(EFFECTS))
 
 
+def arm() -> Arm:
+    """Return the paper's arm."""
+    return load_model(share_path('config/paper_arm.yaml'))
+
+
 def asked(name: str) -> Hypothesis:
     """Return an effect of the table as a hypothesis."""
-    return hypothesis(EFFECTS[name])
+    return hypothesis(EFFECTS[name], ArmSize())
 
 
 @everywhere
@@ -108,12 +121,12 @@ def test_slopes_are_those_of_the_parameter(name):
 
 
 def test_gain_and_offset_of_pressure_are_another_name_of_the_curvature_and_no_others():
-    found = {item.name for item in hypotheses() if item.confounded_with_pressure_scale}
+    found = {item.name for item in hypotheses(arm()) if item.confounded_with_pressure_scale}
     assert found == {'pressure_gain', 'pressure_offset'}
 
 
 def test_effects_with_a_history_remember():
-    found = {item.name for item in hypotheses() if item.has_memory}
+    found = {item.name for item in hypotheses(arm()) if item.has_memory}
     assert found == {'camera_delay', 'pressure_lag', 'hysteresis', 'creep', 'softening'}
 
 
@@ -136,16 +149,16 @@ def test_a_stiffness_that_may_be_infinite_is_its_compliance():
 
 
 def test_known_effects_are_no_hypotheses():
-    every = [item.name for item in hypotheses()]
+    every = [item.name for item in hypotheses(arm())]
     assert every == [name for name in EFFECTS if name != 'inertia']
-    assert [item.name for item in hypotheses(without=('creep', 'gravity'))] == [
-        name for name in every if name not in ('creep', 'gravity')
-    ]
+    known = replace(arm(), effects=(Creep(amplitude=0.1), Gravity(weight_y=0.1)))
+    left = [name for name in every if name not in ('creep', 'gravity')]
+    assert [item.name for item in hypotheses(known)] == left
 
 
 @pytest.mark.parametrize('name', sorted(EFFECTS))
 def test_no_number_leads_out_of_the_bounds_by_a_single_bit(name):
-    tried = hypothesis(EFFECTS[name])
+    tried = hypothesis(EFFECTS[name], ArmSize())
     random = np.random.default_rng(11)
     for place, item in enumerate(tried.coordinates):
         ends = [end for end in (item.low, item.high) if math.isfinite(end)]
@@ -161,12 +174,30 @@ def test_no_number_leads_out_of_the_bounds_by_a_single_bit(name):
 
 def test_a_fit_may_end_at_the_bound_of_the_camera_scale():
     # 1.0 + (0.1 - 1.0) is 0.09999999999999998, and ended a diagnosis.
-    tried = hypothesis(EFFECTS['camera_scale'])
+    tried = hypothesis(EFFECTS['camera_scale'], ArmSize())
     assert tried.effect(tried.low).factor == 0.1
     assert tried.effect(tried.high).factor == 10.0
 
 
 def test_what_is_linear_in_its_size():
-    linear = {name for name, kind in EFFECTS.items() if hypothesis(kind).is_linear}
+    linear = {name for name, kind in EFFECTS.items() if hypothesis(kind, ArmSize()).is_linear}
     assert {'pressure_lag', 'hysteresis', 'softening'}.isdisjoint(linear)
     assert {'creep', 'gravity', 'extensibility', 'camera_scale'} <= linear
+
+
+def test_the_priors_are_those_of_the_papers_arm():
+    size = arm().size
+    assert (size.length, size.force, size.pressure) == pytest.approx((1.0, 1.0, 1.0))
+
+
+@everywhere
+def test_an_arm_of_another_size_has_the_priors_of_its_size(name):
+    """Every length, force and pressure times a factor: nothing depends on their units."""
+    other = Size(length=8.0, force=64.0, pressure=0.25)
+    assert other.arm(arm()).size == ArmSize(length=8.0, force=64.0, pressure=0.25)
+    for item in quantities(EFFECTS[name]):
+        factor = other.of(item.metadata['unit'])
+        scaled = scaled_prior(item, ArmSize(length=8.0, force=64.0, pressure=0.25))
+        assert scaled == tuple(factor * end for end in item.metadata['prior'])
+        low, high = item.metadata['bounds']
+        assert low <= scaled[0] <= scaled[1] <= high

@@ -15,6 +15,7 @@ from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.fit.hypothesis import hypothesis
 from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.late_arm import with_late_arm
+from pneunet_ros.effects.arm_size import ArmSize
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
@@ -146,7 +147,7 @@ def test_mass_is_not_asked_of_an_arm_that_is_not_late(asked, nothing):
 def test_mass_is_fitted_beside_what_was_found_without_it(nothing, monkeypatch):
     """Its numbers as well: a camera that stands for the damping comes to be less late."""
     found, runs = nothing
-    asked = hypothesis(CameraDelay)
+    asked = hypothesis(CameraDelay, ArmSize())
     refit = replace(found.best.refit, hypotheses=(asked,), numbers=np.array([0.05]))
     best = replace(found.best, refit=refit, record=replace(found.best.record, names=(asked.name,)))
     bare, swung = found.diagnosis.after.arm, []

@@ -18,7 +18,7 @@ from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
-from support.lab_designs import asked, fitted
+from support.lab_designs import asked, fitted, frame
 
 NAMES = ('load_offset', 'extensibility', 'gravity', 'clamp_compliance', 'camera_rotation')
 
@@ -126,8 +126,8 @@ def test_what_is_visible_is_what_a_joint_fit_would_be_sure_of(name):
 
 
 def test_all_effects_have_a_word_on_what_could_be_seen():
-    found = detection_limits(hypotheses(), tried())
-    assert set(found) == {item.name for item in hypotheses()}
+    found = detection_limits(hypotheses(frame()), tried())
+    assert set(found) == {item.name for item in hypotheses(frame())}
     assert {name for name, item in found.items() if item.observable} <= set(NAMES)
 
 

@@ -8,10 +8,13 @@ from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.library_words import is_equivalent_to, LIBRARY_WORDS
 from pneunet_ros.effects import EFFECTS
 import pytest
+from support.lab_designs import frame
 
 
 def test_every_effect_that_may_be_named_has_words_that_a_discovery_has():
-    may_be_named = {item.name for item in hypotheses() if not item.confounded_with_pressure_scale}
+    may_be_named = {
+        item.name for item in hypotheses(frame()) if not item.confounded_with_pressure_scale
+    }
     assert may_be_named <= set(LIBRARY_WORDS) <= set(EFFECTS)
     for kinds, terms in LIBRARY_WORDS.values():
         assert {*kinds} <= set(KINDS)

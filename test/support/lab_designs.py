@@ -89,7 +89,7 @@ def design(effect: str = '', day: int = 0) -> Linearization:
 
 def asked(name: str) -> Hypothesis:
     """Return an effect of the table as a hypothesis."""
-    return hypothesis(EFFECTS[name])
+    return hypothesis(EFFECTS[name], frame().size)
 
 
 @functools.cache

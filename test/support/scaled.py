@@ -11,29 +11,12 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.units import quantities
+from pneunet_ros.effects.arm_size import DIMENSIONS
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
-
-# Powers of length, force and pressure in each unit of a model file.
-DIMENSIONS = {
-    '-': (0, 0, 0),
-    's': (0, 0, 0),
-    'rad': (0, 0, 0),
-    'm': (1, 0, 0),
-    '1/m': (-1, 0, 0),
-    'm^2': (2, 0, 0),
-    'N': (0, 1, 0),
-    'N/m': (-1, 1, 0),
-    'N m': (1, 1, 0),
-    'N m^2': (2, 1, 0),
-    'rad/(N m)': (-1, -1, 0),
-    'Pa': (0, 0, 1),
-    '1/Pa': (0, 0, -1),
-    '1/Pa^2': (0, 0, -2),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

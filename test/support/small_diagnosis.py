@@ -229,13 +229,25 @@ def diagnosis(
         ),
         detectable={
             'extensibility': Detectable(
-                parameter='axial_stiffness', observable=True, smallest=410.0, unit='N'
+                parameter='axial_stiffness',
+                observable=True,
+                smallest=410.0,
+                expected=(5.0, 500.0),
+                unit='N',
             ),
             'gravity': Detectable(
-                parameter='weight_y', observable=True, smallest=0.05, unit='N/m'
+                parameter='weight_y',
+                observable=True,
+                smallest=0.05,
+                expected=(-3.0, 3.0),
+                unit='N/m',
             ),
             'creep': Detectable(
-                parameter='amplitude', observable=False, smallest=float('inf'), unit='-'
+                parameter='amplitude',
+                observable=False,
+                smallest=float('inf'),
+                expected=(0.0, 0.2),
+                unit='-',
             ),
         },
         shift=shift,

@@ -55,7 +55,8 @@ def run(arguments: Namespace) -> int:
 def lines() -> Iterator[str]:
     """Yield two or more lines per effect, grouped by where the effects act."""
     yield ('Effects of a model file, under `effects:`; at the neutral value they are off.')
-    yield 'prior: the expected range, from which calibration and diagnosis start.'
+    yield 'prior: the expected range, from which calibration and diagnosis start. If it has'
+    yield "a unit of length, force or pressure: that of the paper's arm, scaled to yours."
     for place in dict.fromkeys(effect.place for effect in EFFECTS.values()):
         yield ''
         yield f'{place}: {PLACES[place]}'

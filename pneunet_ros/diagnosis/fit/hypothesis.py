@@ -10,8 +10,10 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.settings import DEFAULTS, HypothesisSettings
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.arm_size import ArmSize, scaled_prior
 from pneunet_ros.effects.effect import Effect, Load
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
 
 # Sizes from which a search begins, of the prior range: where points are linear in them, and not.
 FIRST_SIZE = 5e-4
@@ -23,8 +25,8 @@ class Coordinate:
     """A parameter of an effect as a number: sizes are 0 at neutral, positive shapes are logs.
 
     If the neutral value is infinite, the coordinate is the reciprocal; std: half of the prior
-    range, low and high: the bounds, all in the coordinate; bounds: those of the parameter (SI),
-    closed.
+    range, low and high: the bounds, all in the coordinate; expected: the prior range, bounds:
+    those of the parameter (SI), closed.
     """
 
     parameter: str
@@ -37,6 +39,7 @@ class Coordinate:
     mean: float
     low: float
     high: float
+    expected: tuple[float, float]
     bounds: tuple[float, float]
 
     def value(self, coordinate: float) -> float:
@@ -151,16 +154,17 @@ class Hypothesis:
         return [np.where(is_shape, self.mean + step * self.std, 0.0) for step in steps]
 
 
-def hypothesis(kind: type[Effect]) -> Hypothesis:
-    """Return an effect of the table as a hypothesis."""
-    return Hypothesis(kind=kind, coordinates=tuple(map(coordinate_of, fields(kind))))
+def hypothesis(kind: type[Effect], size: ArmSize) -> Hypothesis:
+    """Return an effect as a hypothesis for an arm of this size."""
+    coordinates = tuple(coordinate_of(parameter, size) for parameter in fields(kind))
+    return Hypothesis(kind=kind, coordinates=coordinates)
 
 
-def coordinate_of(parameter: Any) -> Coordinate:
-    """Return the coordinate of a declared parameter."""
+def coordinate_of(parameter: Any, size: ArmSize) -> Coordinate:
+    """Return the coordinate of a declared parameter for an arm of this size."""
     neutral, bounds = float(parameter.default), parameter.metadata['bounds']
     low, high = bounds
-    first, last = parameter.metadata['prior']
+    first, last = expected = scaled_prior(parameter, size)
     reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
     mean, logarithmic = 0.0, shape and first > 0.0
     margin = DEFAULTS.hypothesis.shape_margin
@@ -188,17 +192,18 @@ def coordinate_of(parameter: Any) -> Coordinate:
         mean=mean,
         low=low,
         high=high,
+        expected=expected,
         bounds=bounds,
     )
 
 
 def hypotheses(
-    without: tuple[str, ...] = (), settings: HypothesisSettings = DEFAULTS.hypothesis
+    model: Arm, settings: HypothesisSettings = DEFAULTS.hypothesis
 ) -> tuple[Hypothesis, ...]:
-    """Return all quasi-static effects as hypotheses, except these and the withheld ones."""
-    left_out = {*without, *settings.withheld}
+    """Return the quasi-static effects that a model lacks, except the withheld ones."""
+    left_out = {*(effect.name for effect in model.effects), *settings.withheld}
     return tuple(
-        hypothesis(kind)
+        hypothesis(kind, model.size)
         for name, kind in EFFECTS.items()
         if name not in left_out and kind.place != 'motion'
     )

@@ -156,6 +156,7 @@ def detection_limits(
             parameter=coordinate.parameter,
             observable=size <= SCORE_TEST.prior_range * coordinate.std,
             smallest=1.0 / size if coordinate.reciprocal else size,
+            expected=coordinate.expected,
             unit=coordinate.unit,
         )
     return limits

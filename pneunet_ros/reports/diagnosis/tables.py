@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
 
-from pneunet_ros.core.units import millimeters, quantities
+from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.result import Adequacy, Diagnosis, Estimated, Evidence, Shift
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
@@ -217,8 +217,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     """Return the detection limit of each effect, and its plausible range."""
     rows = []
     for name, item in diagnosis.detectable.items():
-        declared = {one.name: one for one in quantities(EFFECTS[name])}
-        low, high = declared[item.parameter].metadata['prior']
+        low, high = item.expected
         unit = unit_text(item.unit)
         # If a stiffness is infinite when nothing is missing, smaller values are stronger effects.
         neutral = float(getattr(EFFECTS[name](), item.parameter))
