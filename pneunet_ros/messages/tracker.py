@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import CameraError, PneunetError
 from pneunet_ros.core.image import Bytes, Image, pixel_image
+from pneunet_ros.core.outcome import drop, Refusal, refuse
 from pneunet_ros.lab.pictures.lens import Camera
 from pneunet_ros.messages.builders import (
     ARRAY_TYPE,
@@ -26,6 +28,7 @@ from pneunet_ros.messages.builders import (
     path,
     PATH_TYPE,
     pose_rows,
+    UNREADABLE,
     usable,
 )
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE, decode_compressed
@@ -35,6 +38,7 @@ from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
 
 CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'
+WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal: the lens in it cannot be used
 
 
 def decode_image(message: Any) -> Image:
@@ -82,6 +86,13 @@ def decode_camera_info(message: Any) -> Lens:
     lens = Lens(**size, model=model, matrix=matrix, distortion=arrays['distortion'])
     check_whole_image(lens, binning, place)
     return lens
+
+
+def refusal_of(error: PneunetError, stamp_ns: int) -> Refusal:
+    """Return the refusal of an image or camera_info that could not be decoded."""
+    if isinstance(error, CameraError):
+        return refuse(stamp_ns, WRONG_CAMERA_INFO, str(error))
+    return drop(stamp_ns, UNREADABLE, str(error))
 
 
 def measured_centerline_rows(curve: MeasuredCurve) -> Array:

@@ -12,10 +12,9 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import CameraError, PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.outcome import drop, Refusal
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.measurement.row_order import first_target_moves, numbered_from_tip
-from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
+from pneunet_ros.messages.tracker import outputs_of, refusal_of, TRACKER_OUTPUTS
 from pneunet_ros.recordings.images.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.images.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.recording_writer import OutputTopics, RecordingWriter
@@ -91,8 +90,8 @@ def track_steps(
     for item in stream.read(other_topics):
         outcome: Tracking | Refusal | None = None
         if isinstance(item.reading, PneunetError):
-            outcome = drop(item.log_time_ns, UNREADABLE, str(item.reading))
-            state = state.count_rejected(UNREADABLE)
+            outcome = refusal_of(item.reading, item.log_time_ns)
+            state = state.count_rejected(outcome.reason)
         elif item.reading is not None:
             state, outcome = tracker.step(state, item.reading)
         frame = item.topic == stream.image_topic

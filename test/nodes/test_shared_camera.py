@@ -149,7 +149,7 @@ def test_arms_of_one_camera_without_a_row_of_their_own_are_refused_before_they_s
 def test_no_image_is_searched_until_the_kernels_are_compiled(monkeypatch):
     refused = []
     node = SimpleNamespace(
-        note_message=lambda topic, info: None, refuse=lambda reason, error: refused.append(reason)
+        note_message=lambda topic, info: None, refuse=lambda it: refused.append(it.reason)
     )
     camera = object.__new__(Camera)
     camera.nodes, camera.topic, camera.decode = {'arm': node}, IMAGES, pytest.fail

@@ -317,7 +317,7 @@ def test_a_tally_counts_a_frame_once_and_camera_info_never(tmp_path):
     for step in track_steps(open_images(path, SourceRequest()), TRACKER):
         tally.count(step)
     assert tally.frames == 3
-    assert dict(tally.reasons) == {'unreadable': 0, 'no_camera_info': 3}
+    assert dict(tally.reasons) == {'wrong_camera_info': 0, 'no_camera_info': 3}
 
 
 # The table

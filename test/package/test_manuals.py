@@ -27,7 +27,7 @@ from pneunet_ros.messages.readings import (
     SENSORS,
     TARGETS,
 )
-from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS, WRONG_CAMERA_INFO
 from pneunet_ros.model.domain_position import LOAD_OUT_OF_DOMAIN, OUT_OF_RANGE
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.tracker import TrackerState
@@ -44,7 +44,6 @@ from pneunet_ros.estimation.state import EstimatorState  # noqa: E402
 from pneunet_ros.fusion.health import FusionHealth  # noqa: E402
 from pneunet_ros.nodes.topics import DEPTH, DEPTH_OF, input_qos, latched_qos, output_qos  # noqa: E402
 from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402
-from pneunet_ros.nodes.tracker.node import WRONG_CAMERA_INFO  # noqa: E402
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
 from support.random_estimates import random_estimate  # noqa: E402
 

@@ -8,20 +8,21 @@ from typing import Any
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.kernels import jit
-from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
+from pneunet_ros.core.outcome import drop, Refusal
+from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.compressed_image import COMPRESSED_TYPE
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
+    refusal_of,
 )
 from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.vision.several_rows import check_rows, step_rows
 
 FOLLOW_PERIOD = 0.5  # s between checks of the quality of service of the camera
-# Reasons of refusals, besides those of the tracker.
-WRONG_CAMERA_INFO, COMPILING = 'wrong_camera_info', 'compiling'
+COMPILING = 'compiling'  # reason of a refusal
 COMPRESSED = 'compressed'
 
 
@@ -57,8 +58,7 @@ class Camera:
         try:
             lens = decode_camera_info(message)
         except (MessageError, CameraError) as error:
-            unreadable = isinstance(error, MessageError)
-            self.refuse(UNREADABLE if unreadable else WRONG_CAMERA_INFO, error)
+            self.refuse(refusal_of(error, 0))
         else:
             for node in self.nodes.values():
                 node.state, _ = node.configuration.tracker.step(node.state, lens)
@@ -72,12 +72,12 @@ class Camera:
             sentence = (
                 'compiling the kernels (once only): images are not processed until this is done'
             )
-            self.refuse(COMPILING, CameraError(sentence, reason=COMPILING))
+            self.refuse(drop(0, COMPILING, sentence))
             return
         try:
             image = self.decode(message)
         except MessageError as error:
-            self.refuse(UNREADABLE, error)
+            self.refuse(refusal_of(error, 0))
             return
         trackers = [node.configuration.tracker for node in nodes]
         steps = step_rows(trackers, [node.state for node in nodes], image)
@@ -90,10 +90,10 @@ class Camera:
         colored = any(tracker.settings.dot_color is not None for tracker in trackers)
         return decode_compressed_image(message, colored=colored)
 
-    def refuse(self, reason: str, error: Exception) -> None:
+    def refuse(self, refusal: Refusal) -> None:
         """Count a message that could not be decoded, for all trackers."""
         for node in self.nodes.values():
-            node.refuse(reason, error)
+            node.refuse(refusal)
 
     def follow(self) -> None:
         """Match the QoS of the current publishers."""

@@ -22,7 +22,7 @@ from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.node_options import DEFAULT_OPTIONS, NodeOptions
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import output_qos, publisher
-from pneunet_ros.nodes.tracker.camera import camera_of, WRONG_CAMERA_INFO
+from pneunet_ros.nodes.tracker.camera import camera_of
 from pneunet_ros.nodes.tracker.configuration import (
     configured_tracker,
     PARAMETERS,
@@ -113,12 +113,9 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         heading = header(image.stamp_ns, image.frame_id, RCLPY_TYPES)
         self.annotated.publish(builders.image(picture, heading, RCLPY_TYPES))
 
-    def refuse(self, reason: str, error: Exception) -> None:
+    def refuse(self, refusal: Refusal) -> None:
         """Count a message that could not be decoded."""
-        refusal = Refusal(
-            stamp_ns=0, reason=reason, sentence=str(error), error=reason == WRONG_CAMERA_INFO
-        )
-        self.state = self.state.count_rejected(reason)
+        self.state = self.state.count_rejected(refusal.reason)
         self.health.note_refusal(refusal)
         self.log_refusal(refusal)
 
