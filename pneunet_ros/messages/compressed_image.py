@@ -33,10 +33,11 @@ _BY_DECODERS = re.compile(
 _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error).*')
 
 
-def decode_compressed(data: Bytes, *, colored: bool = False) -> Levels:
+def decode_compressed(data: Bytes, *, colored: bool = False, upright: bool = False) -> Levels:
     """Return the grey levels (height, width) of a jpeg or png, recognized by its magic bytes.
 
-    colored: whether to return its colors instead, (height, width, 3), blue-green-red.
+    colored: whether to return its colors instead, (height, width, 3), blue-green-red; upright: as
+    in `decode_with_messages`.
 
     Raises MessageError for other formats, a jpeg with more than 8 bits per channel, a side above
     LARGEST_SIDE or an area above LARGEST_AREA, and for truncated or damaged images.
@@ -66,28 +67,29 @@ def decode_compressed(data: Bytes, *, colored: bool = False) -> Levels:
         )
     if not is_complete:
         raise MessageError(f'a {kind} is cut off after {data.size} bytes', reason='cut_off')
-    pixels, messages = decode_with_messages(data, colored=colored)
+    pixels, messages = decode_with_messages(data, colored=colored, upright=upright)
     damage = _DAMAGE.search(messages)
     if damage:
         raise MessageError(
             f'a {kind} is damaged: {damage.group().decode(errors="replace")}', reason='damaged'
         )
-    if pixels is None or pixels.shape[:2] != (height, width):
+    possible = {(height, width), (width, height)} if upright else {(height, width)}
+    if pixels is None or pixels.shape[:2] not in possible:
         raise MessageError(f'a {kind} of {width} x {height} pixels is damaged', reason='damaged')
     levels: Levels = pixels
     return levels
 
 
-def decode_with_messages(data: Bytes, *, colored: bool) -> tuple[Any, bytes]:
+def decode_with_messages(data: Bytes, *, colored: bool, upright: bool) -> tuple[Any, bytes]:
     """Decode an image file by OpenCV; returns the image (or None) and the decoder's messages.
 
-    The messages are not printed. The image is as stored: a rotation that a camera app noted in the
-    file is ignored, because camera_info ignores it as well.
+    The messages are not printed. upright: whether to turn the image by what a phone noted in the
+    file, as viewers do. Messages are left as stored, because camera_info is of the sensor.
     """
     import cv2  # readings do not use it
 
-    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    flags |= cv2.IMREAD_COLOR if colored else 0
+    flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colored else 0)
+    flags |= 0 if upright else cv2.IMREAD_IGNORE_ORIENTATION
     with tempfile.TemporaryFile() as messages:
         with _stderr_into(messages.fileno()):
             try:

@@ -181,6 +181,28 @@ def test_an_image_may_have_16_bits_but_no_fractions(tmp_path, suffix):
     assert 'float32' in str(fractions)
 
 
+def test_films_and_pictures_of_a_turned_phone_are_upright(tmp_path):
+    """A phone notes how it was held: in the EXIF of a jpeg, in the track header of an mp4."""
+    stored = np.full((48, 96), 30, np.uint8)
+    stored[:16, :16] = 220  # top left; held upright, top right
+    jpeg = encoded(stored, '.jpg')
+    tiff = b'II*\0\x08\0\0\0' + struct.pack('<HHHIII', 1, 0x112, 3, 1, 6, 0)
+    exif = b'\xff\xe1' + struct.pack('>H', len(tiff) + 8) + b'Exif\0\0' + tiff
+    folder = write_folder(tmp_path / 'f', [])
+    (folder / 'frame0.jpg').write_bytes(jpeg[:2] + exif + jpeg[2:])
+    path = tmp_path / 'film.mp4'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*'mp4v'), RATE, (96, 48))
+    writer.write(cv2.cvtColor(stored, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    content = bytearray(path.read_bytes())
+    struct.pack_into('>4i', content, content.index(b'tkhd') + 44, 0, 1 << 16, 0, -1 << 16)
+    path.write_bytes(content)
+    for source in (folder, path):
+        (image,) = images(read(source))
+        assert image.grey().shape == (96, 48)
+        assert image.grey()[8, 40] > 180 > 60 > image.grey()[8, 8]
+
+
 @pytest.mark.parametrize('name', ['camera_info.yaml', 'ost.yaml'])
 def test_a_folder_may_hold_its_lens(tmp_path, name):
     folder = write_folder(tmp_path / 'f', PICTURES)

@@ -83,16 +83,17 @@ def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
             )
         data = np.frombuffer(content, np.uint8)
         decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
-        return pixel_image(decode(data, colored=colored), stamp_ns, CAMERA_FRAME)
+        pixels = decode(data, colored=colored, upright=True)
+        return pixel_image(pixels, stamp_ns, CAMERA_FRAME)
     except MessageError as error:
         return MessageError(f'{file}: {error}', reason=error.reason)
     except OSError as error:
         return MessageError(f'{file} cannot be read: {error.strerror}', reason='unreadable')
 
 
-def _decode_plain(data: Bytes, *, colored: bool) -> Levels:
+def _decode_plain(data: Bytes, *, colored: bool, upright: bool) -> Levels:
     """Return the grey levels (height, width) of a bmp or tiff, or its colors."""
-    grey, messages = decode_with_messages(data, colored=colored)
+    grey, messages = decode_with_messages(data, colored=colored, upright=upright)
     if grey is None or messages:  # OpenCV also decodes a damaged tiff
         raise MessageError('it is not an image, or it is damaged', reason='damaged')
     if grey.dtype not in (np.uint8, np.uint16):

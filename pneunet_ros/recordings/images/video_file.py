@@ -122,4 +122,5 @@ def _open_video(path: Path) -> cv2.VideoCapture:
             f'{path} cannot be read as a video: it is damaged, or its format is not known',
             reason='damaged',
         )
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1.0)  # upright, as the images of a folder
     return video
