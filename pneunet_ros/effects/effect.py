@@ -246,7 +246,10 @@ class Effect(abc.ABC):
         return 0.0
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Return the history of an arm that has always been at this pressure (Pa)."""
+        """Return the history of an arm that has always been at this pressure (Pa).
+
+        `history_terms` of it add nothing: what a pressure does at rest belongs to `terms`.
+        """
         return ()
 
     def actuate(

@@ -90,7 +90,7 @@ class PreparedModel:
         object.__setattr__(self, 'table', table)
         object.__setattr__(self, 'unknowns', unknowns)
         swinging = None
-        if self.arm.motion is not None:
+        if self.arm.inertia is not None:
             moving = MovingArm(arm=self.arm, table=table)
             where = unknowns.at(Motion)
             swinging = SwingingArm(
@@ -106,7 +106,7 @@ class PreparedModel:
 
     def _moving(self) -> PreparedModel | None:
         """Return the model with a likely inertia; None if the inertia is known, or is not used."""
-        if self.arm.motion is not None or self.given is not None:
+        if self.arm.inertia is not None or self.given is not None:
             return None
         motion = likely_motion(self.arm)
         return None if motion is None else replace(self, arm=replace(self.arm, motion=motion))

@@ -120,11 +120,11 @@ class SwingingEstimate:
     def motion(self, errors: PropagatedErrors) -> MotionEstimate | None:
         """Return the estimated motion of the arm; errors: propagated errors of its shape."""
         motion, moving, where = self.arm_motion, self.arm.moving, self.arm.part(Motion.SWING)
-        if motion is None or moving.arm.motion is None:
+        if motion is None or moving.arm.inertia is None:
             return None
         covariance = self.belief.covariance_of(where)
         on = motion.stopped / moving.modes.frequency[0]
-        damping_time = moving.arm.motion.damping_time
+        damping_time = moving.arm.inertia.damping_time
         return MotionEstimate(
             velocity=freeze(motion.velocity),
             settled=is_settled(self.swing_deviation.deviation[:2, -1], on, errors.tip_covariance),

@@ -39,7 +39,7 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
     scale = arm.force_scale
     low, high = pressure_span(arm)
     return Unknowns.of(
-        TipForce(scale=scale, swings=arm.motion is not None),
+        TipForce(scale=scale, swings=arm.inertia is not None),
         PressureError(range=high - low),
         Camera(
             drift_std=noise.drift_std,
@@ -72,6 +72,6 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
 
 def motion_of(arm: Arm) -> tuple[Motion, ...]:
     """Return the block of an arm whose model has `motion`."""
-    if arm.motion is None:
+    if arm.inertia is None:
         return ()
     return (motion_block(MovingArm(arm=arm, table=PerturbationTable(arm=arm)), START),)

@@ -252,7 +252,7 @@ class SwingingArm:
             The belief there, its reference, and the motion of the arm.
         """
         known, previous, previous_ns = before
-        motion, masses, modes = self.moving.arm.motion, self.moving.masses, self.moving.modes
+        motion, masses, modes = self.moving.arm.inertia, self.moving.masses, self.moving.modes
         assert motion is not None
         state, start_links = None, None
         if previous is not None:
@@ -400,7 +400,7 @@ class SwingingArm:
         Faster shapes are overdamped and creep to their equilibrium with the damping time: a
         first-order lag behind a ramp.
         """
-        motion = self.moving.arm.motion
+        motion = self.moving.arm.inertia
         assert motion is not None
         time = motion.damping_time
         if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
@@ -413,7 +413,7 @@ class SwingingArm:
         Of the response to a load step at a time u ago, the share exp(-u / time) is still missing;
         this is the spread over all u.
         """
-        motion = self.moving.arm.motion
+        motion = self.moving.arm.inertia
         assert motion is not None
         time = motion.damping_time
         if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
@@ -440,7 +440,7 @@ class SwingingArm:
 
         before: lag at the beginning; rotation (links,) rad: that since then, in these shapes.
         """
-        motion = self.moving.arm.motion
+        motion = self.moving.arm.inertia
         assert motion is not None
         if not motion.damping_time > 0.0:
             return np.zeros_like(before)

@@ -77,8 +77,8 @@ class Arm:
     of effects; `sources`: source of each number. `domain`: range of the calibration; `load_hull`:
     convex hull of its loads, None if unknown. `table_range` (Pa) is the common range of intrinsic
     curvature and moment law, `pressure_range` (Pa) its part within the domain. `gravity`:
-    direction of the weight; `motion`: None without inertia; `inertia`: `motion` including the
-    changes by an effect. `sensing`, `seeing` and `acting` are the effects on readings, the effects
+    direction of the weight; `motion`: None without inertia; `inertia`: `motion`, or what an effect
+    says instead of it. `sensing`, `seeing` and `acting` are the effects on readings, the effects
     on seen points, and the effects with a history; `history_dependent` are the indices in `acting`
     of effects whose history changes the rod; `by_load`: effects that depend on the end load and
     are not neutral. `parted`: names of effects that act on a part of the arm, without neutral ones
@@ -187,9 +187,16 @@ class Arm:
     def _inertia(self) -> Motion | None:
         """Return the inertia of the arm: the block `motion`, or an effect that is not neutral."""
         for effect in self.effects:
-            if (numbers := effect.motion()) is not None:
-                known = self.motion or Motion()
-                return dataclasses.replace(known, tip_mass=numbers[0], damping_time=numbers[1])
+            numbers = effect.motion()
+            if numbers is None:
+                continue
+            if self.motion is not None:
+                raise ModelError(
+                    f'the arm has `motion` and the effect {effect.name}, which are two names of '
+                    'the same mass and damping: remove one of them',
+                    reason='given_twice',
+                )
+            return Motion(tip_mass=numbers[0], damping_time=numbers[1])
         return self.motion
 
     def _divide(self, pressure: float) -> None:

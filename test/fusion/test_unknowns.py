@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.fusion.unknowns import unknowns_of
 from pneunet_ros.measurement.blocks.block import Block, FrameInputs, Passage, WrenchSeen
@@ -14,6 +16,7 @@ from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import PlacementKnown
 import pytest
 
@@ -108,3 +111,17 @@ def test_places_that_the_calibration_found_go_with_its_columns():
     covariance = prior.covariance_of(where)
     assert np.diagonal(covariance) == pytest.approx(np.full(2 * DOTS, 2e-5**2 + 3e-5**2))
     assert covariance[0, 1] == pytest.approx(3e-5**2)
+
+
+def test_an_arm_swings_by_its_effect_as_by_its_block():
+    """The fusion asked for the block alone, and the estimator swung by the effect."""
+    effect = Inertia(tip_mass=0.004, damping_time=0.03)
+    block = Motion(tip_mass=0.004, damping_time=0.03)
+    by_effect, by_block = replace(ARM, effects=(effect,)), replace(ARM, motion=block)
+    of_effect, of_block = (
+        [type(item) for item in unknowns_of(one).blocks] for one in (by_effect, by_block)
+    )
+    assert of_effect == of_block != [type(item) for item in UNKNOWNS.blocks]
+    with pytest.raises(ModelError) as refused:
+        replace(by_block, effects=(effect,))
+    assert refused.value.reason == 'given_twice'
