@@ -17,6 +17,7 @@ from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import (
     changes_on_mesh,
     DEFAULT_STATIONS,
+    is_stable,
     linearized_ends,
     solve_rod,
     station_arclength,
@@ -25,6 +26,7 @@ from pneunet_ros.model.equilibrium import (
 from pneunet_ros.model.perturbation import with_pressure_change
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.batch import evaluate_batch, newton_batch
+from pneunet_ros.solver.collocation import prepare
 from pneunet_ros.solver.columns import (
     CUBIC,
     END_LOAD_MOMENT,
@@ -32,11 +34,14 @@ from pneunet_ros.solver.columns import (
     FIELDS,
     FORCE_X,
     FORCE_Y,
+    join_ends,
     LOADS,
+    RIGIDITY,
     THETA,
 )
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import ACCEPTED, BATCH_ITERATIONS, BATCH_TOLERANCE, SOLVER
+from pneunet_ros.solver.solution import SolverNodes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,6 +127,9 @@ def solve_many(
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
     converged &= ~rods.push.any(axis=(1, 2))  # pushes that rotate are solved one by one
     residual = np.maximum(residual, missed)
+    springs = np.all(rods.sections[:, :, RIGIDITY] > 0.0, axis=1)
+    for index in np.flatnonzero(converged & springs).tolist():
+        converged[index] = is_stable(solved(rods, index, loads[index], nodes, start.solution))
     for index in np.flatnonzero(~converged).tolist():
         shape = solve_alone(arm, rods.record(index), loads[index], start, arclength)
         converged[index], residual[index] = shape.converged, shape.residual
@@ -133,6 +141,16 @@ def solve_many(
         converged=converged,
         residual=frozen_array(residual),
     )
+
+
+def solved(rods: Rods, index: int, load: Array, nodes: Array, start: SolverNodes) -> SolverNodes:
+    """Return one of the rods with its unknowns, of the nodes (6 (panels + 1), n) of all."""
+    (ends,) = join_ends(rods.clamp[[index]], load[None])
+    panels = np.empty_like(start.panels)
+    own = rods.sections[index], rods.knots, rods.rotation[index], ends, np.array(start.counts)
+    prepare(rods.length, *own, panels)
+    unknowns = nodes[:, index].reshape(start.nodes.shape)
+    return SolverNodes(panels=panels, ends=ends, nodes=unknowns, counts=start.counts)
 
 
 def predict_nodes(arm: Arm, start: Shape, causes: Array) -> Array:

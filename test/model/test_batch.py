@@ -94,6 +94,14 @@ def test_a_rod_far_from_the_start_is_solved_or_says_so() -> None:
     assert np.isfinite(shapes.x[2]).all()
 
 
+def test_a_rod_pushed_past_buckling_is_the_one_that_stays_bent() -> None:
+    """Newton's method follows the arm that is pressed straight, which no arm does."""
+    shapes = solve_many(ARM, [500.0], [[-0.03, 0.0]], start=solve(ARM, 500.0))
+    alone = solve(ARM, 500.0, (-0.03, 0.0))
+    assert alone.stable
+    np.testing.assert_allclose((shapes.x[0, -1], shapes.y[0, -1]), alone.tip[:2], atol=1e-7)
+
+
 @pytest.mark.parametrize('force, moment', [(1e12, 0.0), (1e20, 0.0), (0.1, 1e30), (0.1, 1e300)])
 def test_a_load_beyond_all_numbers_has_no_shape(force, moment) -> None:
     start = solve(ARM, pressure=30e3)
