@@ -94,6 +94,8 @@ class _Output:
     path: str | Path
     final: Path
     overwrite: bool
+    inputs: tuple[str | Path, ...]
+    replaceable: tuple[str, ...]
     scratch: Path
     lock: int
 
@@ -109,6 +111,8 @@ class _Output:
                 f'{self.path} appeared in the meantime: choose another name or pass --overwrite',
                 reason='exists',
             )
+        # What stands there may be another thing than at the start, such as a folder of others.
+        _check_place(self.path, self.final, self.overwrite, self.inputs, self.replaceable)
         if not self.temporary.exists():
             raise RecordingError(
                 f'{self.path} was not written, because there is no content for it',
@@ -190,7 +194,15 @@ def _open_output(
         raise RecordingError(
             f'{path} cannot be written: {error.strerror}', reason='unwritable'
         ) from error
-    return _Output(path=path, final=final, overwrite=overwrite, scratch=scratch, lock=lock)
+    return _Output(
+        path=path,
+        final=final,
+        overwrite=overwrite,
+        inputs=tuple(inputs),
+        replaceable=replaceable,
+        scratch=scratch,
+        lock=lock,
+    )
 
 
 def _make_scratch(parent: Path) -> tuple[Path, int]:

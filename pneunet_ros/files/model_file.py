@@ -134,7 +134,7 @@ def arm_from_mapping(content: Any) -> Arm:
 def mapping_from_arm(arm: Arm) -> dict[str, Any]:
     """Return the content of a model file, in the order of its documentation."""
     law, down = arm.moment_law, arm.gravity.direction
-    return {
+    content = {
         'schema_version': SCHEMA_VERSION,
         'name': arm.name,
         'arm': {
@@ -142,14 +142,14 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
             'weight': arm.weight,
             'tip_cap': arm.tip_cap,
             'clamp_angle': arm.clamp_angle,
-            'target_arclength': arm.target_arclength.tolist(),
+            'target_arclength': arm.target_arclength,
         },
         'intrinsic_curvature': {
-            key: getattr(arm.intrinsic_curvature, key).tolist()
+            key: getattr(arm.intrinsic_curvature, key)
             for key in ('pressure', 'arclength', 'curvature')
         },
         'moment_law': {'kind': law.kind}
-        | {key: plain(getattr(law, key)) for key in law_fields(type(law))},
+        | {key: getattr(law, key) for key in law_fields(type(law))},
         'effects': {
             effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
             for effect in arm.effects
@@ -158,19 +158,20 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
         'covariance': None
         if arm.covariance is None
         else {
-            'quantities': list(arm.covariance.quantities),
-            'factor': arm.covariance.factor.tolist(),
+            'quantities': arm.covariance.quantities,
+            'factor': arm.covariance.factor,
             **placement_block(arm.covariance.placement),
             **({'guessed': arm.covariance.guessed} if arm.covariance.guessed else {}),
         },
         'domain': None
         if arm.domain is None
-        else {'pressure': list(arm.domain.pressure), 'end_load': arm.domain.end_load.tolist()},
+        else {'pressure': arm.domain.pressure, 'end_load': arm.domain.end_load},
         **({} if down == OUT_OF_PLANE else {'gravity': {'direction': down}}),
         **({} if arm.motion is None else {'motion': asdict(arm.motion)}),
-        'sources': dict(arm.sources),
-        'provenance': dict(arm.provenance),
+        'sources': arm.sources,
+        'provenance': arm.provenance,
     }
+    return dict(plain(content))
 
 
 def law_from_mapping(content: Any) -> MomentLaw:
@@ -278,5 +279,9 @@ def tree(content: Any, where: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Convert arrays to nested lists."""
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    """Convert arrays to nested lists, and numbers of numpy to those of Python, at any depth."""
+    if isinstance(value, Mapping):
+        return {name: plain(inside) for name, inside in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inside) for inside in value]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

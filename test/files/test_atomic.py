@@ -132,6 +132,19 @@ def test_an_output_that_appears_meanwhile_is_not_replaced(tmp_path):
     assert names(tmp_path) == ['output']
 
 
+def test_a_folder_that_appears_meanwhile_is_not_removed(tmp_path):
+    place = tmp_path / 'output'
+    with (
+        refused(RecordingError, 'holds_other_files'),
+        atomic_output(place, overwrite=True) as temporary,
+    ):
+        temporary.write_text('mine')
+        place.mkdir()
+        (place / 'thesis.tex').write_text('theirs')
+    assert (place / 'thesis.tex').read_text() == 'theirs'
+    assert names(tmp_path) == ['output']
+
+
 def test_a_folder_of_known_files_is_replaced(tmp_path):
     place = tmp_path / 'bag'
     place.mkdir()

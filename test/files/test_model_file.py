@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 import os
 from pathlib import Path
@@ -14,6 +15,7 @@ from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.effects.extensibility import Extensibility
+from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.files.model_file import mapping_from_arm, model_hash
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
@@ -522,6 +524,17 @@ def test_what_is_written_is_read_again_to_the_last_bit(tmp_path, arm):
     assert (tmp_path / 'again.yaml').read_bytes() == path.read_bytes()
     one, other = solve(arm, 31e3, (0.1, 0.05)), solve(again, 31e3, (0.1, 0.05))
     assert np.array_equal(one.x, other.x)
+
+
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
+    arm, path = paper_arm(), tmp_path / 'model.yaml'
+    effects = (Gravity(weight_y=np.float64(0.5)),)
+    seed = {'seed': np.int64(3)}
+    counted = replace(arm, length=np.float64(0.12), effects=effects, provenance=seed)
+    save_model(counted, path)
+    assert load_model(path).length == 0.12
+    assert load_model(path).provenance == {'seed': 3}
+    assert model_hash(load_model(path)) == model_hash(counted)
 
 
 def test_written_files_follow_the_order_of_the_contract(tmp_path):
