@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -31,6 +32,7 @@ from pneunet_ros.messages.tracker import (
 )
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.vision.camera.camera_settings import (
+    AreaLimits,
     CameraSettings,
     HomographyPlane,
     PosePlane,
@@ -51,6 +53,7 @@ from pneunet_ros.nodes.ros_types import RCLPY_TYPES  # noqa: E402
 from pneunet_ros.nodes.ros_types import serialize as to_bytes  # noqa: E402
 from pneunet_ros.nodes.tracker.camera import Camera  # noqa: E402
 from pneunet_ros.nodes.tracker.node import TrackerNode  # noqa: E402
+from pneunet_ros.nodes.tracker.warm_up import warm_up  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from support.dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E402
@@ -537,6 +540,18 @@ for index, grey in enumerate([*film, half, film[-1], 0 * half, noise, dots, film
 assert state.explained >= 9
 print(sorted(compiled() - before))
 """
+
+
+def test_the_drawn_arm_does_not_grow_with_the_dots_of_the_camera_file():
+    settings = CameraSettings(area=AreaLimits(smallest=2e3, largest=4e4))
+    tracker = Tracker(filmed.ARM, settings)
+    serializer = MessageSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base')
+    tracemalloc.start()
+    try:
+        assert warm_up(tracker, serializer) == ''
+        assert tracemalloc.get_traced_memory()[1] < 1e8
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.slow

@@ -6,11 +6,17 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.core.image import Image
+from pneunet_ros.core.image import Image, LARGEST_SIDE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of
 from pneunet_ros.vision.camera.camera_model import Lens
-from pneunet_ros.vision.camera.camera_settings import BRIGHT, CameraSettings, FixedBand, RestPlane
+from pneunet_ros.vision.camera.camera_settings import (
+    AreaLimits,
+    BRIGHT,
+    CameraSettings,
+    FixedBand,
+    RestPlane,
+)
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
@@ -27,6 +33,7 @@ def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
         rest_frames=1,
         polarity=BRIGHT,
         dot_color=None,
+        area=AreaLimits(),
     )
     drawn = Tracker(tracker.arm, resting, tracker.vision)
     image, lens = drawn_arm(drawn.arm.target_arclength, resting)
@@ -44,12 +51,12 @@ def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
 
 
 def drawn_arm(arclength: np.ndarray, settings: CameraSettings) -> tuple[Image, Lens]:
-    """Draw a row of white dots, the first on the left, of a plausible size."""
-    area = min(max(2.0 * settings.area.smallest, 50.0), 0.5 * settings.area.largest)
-    radius = math.sqrt(area / math.pi)
+    """Draw a row of white dots, the first on the left."""
+    radius = 4.0
+    margin = 10.0 * radius
     positions = np.asarray(arclength) - arclength[0]
     pixels_per_meter = 5.0 * radius / float(np.diff(positions).min())
-    margin = 10.0 * radius
+    pixels_per_meter = min(pixels_per_meter, (LARGEST_SIDE - 2.0 * margin - 1.0) / positions[-1])
     u = margin + positions * pixels_per_meter
     width, height = math.ceil(u[-1] + margin), math.ceil(2.0 * margin)
     offset_u, offset_v = np.arange(width) - u[:, None], np.arange(height) - 0.5 * height
