@@ -14,12 +14,14 @@ from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_recording import LabMemory
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import LabNoise
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.recordings.lab_files import write_lab
 
 PLACES, DEGREE = 201, 12  # stations of the curvature of a model, and degree of the polynomials
@@ -60,12 +62,18 @@ def scenario_of_model(arm: Arm) -> Scenario:
     """Return a model as an arm of the virtual lab, whose solver is independent.
 
     The curvature along the arm is expanded in Legendre polynomials. RequestError if the lab cannot
-    simulate the arm: a moment law other than `piecewise_linear` or `linear`, or an effect the lab
-    does not have.
+    simulate the arm: a moment law other than `piecewise_linear` without a moment offset or
+    `linear`, or an effect the lab does not have.
     """
     law = arm.moment_law
     low, high = arm.pressure_range
     if isinstance(law, PiecewiseLinearLaw):
+        if law.moment_offset.any():
+            raise RequestError(
+                f'{arm.name}: the virtual lab cannot simulate moment_law.moment_offset, because '
+                'its intrinsic curvature has no jump',
+                reason='not_supported',
+            )
         law_pressure, law_split, rigidity = law.pressure, law.split, law.rigidity
     elif isinstance(law, LinearLaw):
         law_pressure, law_split = np.array([low, high]), np.full(2, 0.5)
@@ -96,9 +104,26 @@ def scenario_of_model(arm: Arm) -> Scenario:
     )
     stds = asdict(arm.sensors)
     noise = LabNoise(**{one.name: stds[one.name] for one in fields(LabNoise) if one.name in stds})
-    scenario = Scenario(name=arm.name, arm=lab_arm, protocol=Corners(), noise=noise)
+    scenario = Scenario(
+        name=arm.name, arm=lab_arm, protocol=Corners(), noise=noise, motion=motion_of_model(arm)
+    )
     effects = {
         item.name: {number.name: getattr(item, number.name) for number in quantities(item)}
         for item in arm.effects
     }
     return scenario.with_effects(effects)
+
+
+def motion_of_model(arm: Arm) -> LabMotion | None:
+    """Return weight and inertia of a model for the lab; None: it has neither."""
+    gravity, inertia = arm.gravity, arm.inertia
+    if inertia is None and not (gravity.x or gravity.y):
+        return None
+    moving = inertia or Motion()
+    return LabMotion(
+        gravity_x=gravity.x,
+        gravity_y=gravity.y,
+        tip_mass=moving.tip_mass,
+        damping_time=moving.damping_time,
+        inertia=float(inertia is not None),
+    )

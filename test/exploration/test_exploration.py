@@ -12,6 +12,7 @@ from pneunet_ros import load_model
 from pneunet_ros.cli.verbs.explore import show_round
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.choice import (
     choice_in_order,
@@ -25,13 +26,18 @@ from pneunet_ros.exploration.rivals import NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.scenario import Detail
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.model.gravity import gravity_of
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.exploration.report import last_sentence
 import pytest
 from rich.console import Console
-from support.example_arms import vacuum_arm
+from support.example_arms import paper_arm, vacuum_arm, with_effects
 from support.refusals import refused
 
 SAFE = SafeSet(low=0.0, high=55e3, force=0.25)
@@ -159,3 +165,29 @@ def test_a_model_becomes_an_arm_of_the_lab():
         )
     assert scenario.arm.rigidity == pytest.approx(MODEL.moment_law.rigidity)
     assert scenario.noise.target_std == MODEL.sensors.target_std
+    assert scenario.motion is None
+
+
+@pytest.mark.parametrize('moving', [None, Motion(tip_mass=0.004, damping_time=0.02)])
+def test_the_arm_of_a_model_hangs_in_the_lab_as_in_the_model(moving):
+    model = replace(paper_arm(), gravity=gravity_of((0.6, -0.8)), motion=moving)
+    scenario = scenario_of_model(model)
+    assert scenario.motion.inertia == float(moving is not None)
+    assert scenario.motion.damping_time == (0.0 if moving is None else 0.02)
+    hold = Corners(duration=1.0, share=(0, 1), pressure=(4e4, 4e4), force_x=(0, 0), force_y=(0, 0))
+    truth = simulate(replace(scenario, protocol=hold)).truth
+    tip = truth.x[-1, -1], truth.y[-1, -1]
+    assert tip == pytest.approx(solve(model, 4e4).tip[:2], abs=1e-4)
+
+
+def test_the_arm_of_a_model_swings_in_the_lab_by_the_effect_inertia():
+    model = with_effects(paper_arm(), [Inertia(tip_mass=0.004, damping_time=0.02)])
+    motion = scenario_of_model(model).motion
+    assert (motion.inertia, motion.tip_mass, motion.damping_time) == (1.0, 0.004, 0.02)
+
+
+def test_a_moment_offset_of_a_model_is_refused_by_the_lab():
+    law = paper_arm().moment_law
+    offset = np.full_like(law.moment_offset, 0.01)
+    with refused(RequestError, 'not_supported'):
+        scenario_of_model(replace(paper_arm(), moment_law=replace(law, moment_offset=offset)))
