@@ -53,7 +53,8 @@ class Chain:
     element; axial_compliance 1/N, and its growth with the strain; cubic m^2 and quintic m^4 of the
     moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; end_offset_across,
     end_offset_along (m): offsets of the end force at the free end; peg; push. time (frames,) s,
-    from the beginning of the recording.
+    from the beginning of the recording. The weight of `mass` (kg) along the arm and of `tip_mass`
+    (kg) at the free end follows pulls (frames, 2) m/s^2, gravity in the base frame.
     """
 
     length: float
@@ -77,6 +78,9 @@ class Chain:
     peg: Peg | None = None
     push: Push | None = None
     time: Array = field(default_factory=lambda: np.zeros(0))
+    mass: float = 0.0
+    tip_mass: float = 0.0
+    pulls: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check the sizes; reject rigidities for which the energy has no minimum."""
@@ -89,6 +93,7 @@ class Chain:
             'force': (frames, 2),
             'moment': (frames,),
             'time': (frames,),
+            'pulls': (frames, 2),
             'rest': (frames, joints - 1),
             'line': (frames, joints - 1, 2),
         }
@@ -175,7 +180,12 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     first frame that has no equilibrium.
     """
     frames, joints = chain.turning.shape
-    loads = np.column_stack([chain.rigidity, chain.split, chain.force, chain.moment])
+    force, line = chain.force, chain.line
+    if chain.pulls.any():
+        beyond = chain.mass * (1.0 - chain.middles / chain.length)
+        line = freeze(line + beyond[:, None] * chain.pulls[:, None])
+        force = freeze(force + chain.tip_mass * chain.pulls)
+    loads = np.column_stack([chain.rigidity, chain.split, force, chain.moment])
     numbers = np.array(
         [
             chain.element,
@@ -197,20 +207,20 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
         chain.turning,
         chain.rigidity_factors,
         chain.rest,
-        chain.line,
+        line,
         freeze(loads),
         freeze(numbers),
     )
     solved = int(equilibria(*tables, angles, start is not None))
     if solved < frames:
-        force = chain.force[solved]
+        f1, f2 = force[solved]
         raise RequestError(
             f'the lab arm finds no equilibrium in frame {solved}, under the force '
-            f'({force[0]:.3g}, {force[1]:.3g}) N: use smaller loads or effects',
+            f'({f1:.3g}, {f2:.3g}) N: use smaller loads or effects',
             reason='no_equilibrium',
         )
     cosine, sine = np.cos(angles[:, 1:-1]), np.sin(angles[:, 1:-1])
-    n1, n2 = (chain.force[:, None, i] + chain.line[:, :, i] for i in (0, 1))
+    n1, n2 = (force[:, None, i] + line[:, :, i] for i in (0, 1))
     strain = chain.axial_compliance * (n1 * cosine + n2 * sine)
     stretched = chain.element * (1.0 + chain.rest + strain * (1.0 + chain.axial_growth * strain))
     zero = np.zeros((frames, 1))

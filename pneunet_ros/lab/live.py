@@ -34,7 +34,6 @@ from pneunet_ros.lab.simulation import (
     random_of,
     read_sensors,
     STEP,
-    with_weight,
 )
 
 OUTLINE = 57  # stations of the outline of the arm
@@ -254,7 +253,7 @@ class LiveLab:
         if scenario.motion is not None and scenario.motion.inertia:
             scenario = for_mujoco(scenario)
         force = freeze(np.tile([load.force_x, load.force_y], (times.size, 1)))
-        chain = chain_of(scenario, course, times, force)
+        chain = chain_of(scenario, course, times, force, freeze(np.mod(times, self.period)))
         return replace(chain, moment=freeze(np.full(times.size, load.moment)))
 
     def shape(self, state: LiveState) -> tuple[LiveState, ChainShape | MovingShape]:
@@ -270,8 +269,6 @@ class LiveLab:
     def shape_at_rest(self, state: LiveState) -> ChainShape:
         """Return the shape in equilibrium, near the last one; RequestError if none is found."""
         chain = self.chain_at(state.course, state.load, state.course.time[-1:])
-        if self.scenario.motion is not None:
-            chain = with_weight(self.scenario, chain, self.apparent_gravity(state.time)[:, :2])
         return equilibrium_shape(chain, state.angles)
 
     def tip_compliance(self, state: LiveState, direction: Array) -> float:

@@ -179,9 +179,6 @@ def shape_of(
     motion = scenario.motion
     if motion is None or not motion.inertia:
         chain = chain_of(scenario, course, times, events.force_at(times))
-        if motion is not None:
-            pulls = motion.apparent_gravity(times, events.duration)[:, :2]
-            return equilibrium_shape(with_weight(scenario, chain, pulls)), None, chain.force
         return equilibrium_shape(chain), None, chain.force
     fine = for_mujoco(scenario)
 
@@ -199,27 +196,20 @@ def for_mujoco(scenario: Scenario) -> Scenario:
     return replace(scenario, detail=replace(scenario.detail, elements=elements))
 
 
-def with_weight(scenario: Scenario, chain: Chain, pulls: Array) -> Chain:
-    """Return a chain under its own weight; pulls (frames, 2) m/s^2: gravity in the base frame."""
-    arm, motion = scenario.arm, scenario.motion
-    assert motion is not None
-    beyond = arm.weight / STANDARD_GRAVITY * (1.0 - chain.middles / chain.length)
-    return replace(
-        chain,
-        line=freeze(chain.line + beyond[:, None] * pulls[:, None]),
-        force=freeze(chain.force + motion.tip_mass * pulls),
-    )
-
-
 def sample(course: Course, columns: Array, times: Array) -> Array:
     """Interpolate columns (n, k) of a time series at other times (s); returns (times, k)."""
     values = [np.interp(times, course.time, column) for column in columns.T]
     return freeze(np.column_stack(values))
 
 
-def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> Chain:
-    """Return the arm as a chain at times (n,) s, under forces (n, 2) N, including its effects."""
-    arm = scenario.arm
+def chain_of(
+    scenario: Scenario, course: Course, times: Array, force: Array, of_base: Array | None = None
+) -> Chain:
+    """Return the arm as a chain at times (n,) s, under forces (n, 2) N, including its effects.
+
+    of_base (n,) s: the times of the motion of the base, if they are others.
+    """
+    arm, motion = scenario.arm, scenario.motion
     chamber = freeze(np.interp(times, course.time, course.chamber))
     factor = np.interp(times, course.time, course.rigidity_factor)
     rigidity, split = arm.stiffness(chamber)
@@ -236,6 +226,14 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
         end_offset_along=arm.tip_cap,
         time=times,
     )
+    if motion is not None:
+        of_base = times if of_base is None else of_base
+        chain = replace(
+            chain,
+            mass=arm.weight / STANDARD_GRAVITY,
+            tip_mass=motion.tip_mass,
+            pulls=motion.apparent_gravity(of_base, scenario.protocol.duration)[:, :2],
+        )
     for effect in scenario.effects:
         chain = effect.build(arm, chain, chamber)
     return chain

@@ -183,6 +183,15 @@ def test_a_live_arm_rings_as_a_recorded_one():
     assert np.ptp(finely[300:], axis=0).max() > 5e-3
 
 
+@pytest.mark.parametrize('inertia', [0.0, 1.0])
+def test_a_string_points_to_its_pulley_under_the_weight_of_the_arm(inertia):
+    motion = LabMotion(gravity_y=-1.0, tip_mass=0.01, inertia=inertia)
+    scenario = held(force=(0.15, 0.0), duration=0.1, motion=motion)
+    pulled = simulate(scenario.with_effects({'pulley': {'eye_x': 0.3, 'eye_y': 0.1}}))
+    string = np.array([0.3, 0.1]) - tip(pulled)[0]
+    assert pulled.truth.force[0] == pytest.approx(0.15 * string / np.hypot(*string), abs=2e-4)
+
+
 def test_a_live_base_turns_and_its_accelerometer_with_it():
     turn = LabMotion(
         gravity_y=-1.0, turn_share=(0.0, 0.5, 1.0), turn_angle=(0.0, 1.0, 0.0), inertia=0.0
