@@ -206,7 +206,7 @@ class LiveLab:
         return replace(rested, swing=swing, lag=state.lag)
 
     def _at(self, time: float, pressure: float, load: Load, past: dict[str, Past]) -> LiveState:
-        course, past = apply_effects(self.scenario, np.zeros(1), np.full(1, pressure), past)
+        course, past = apply_effects(self.scenario, np.full(1, time), np.full(1, pressure), past)
         return LiveState(time=time, pressure=pressure, load=load, course=course, past=past)
 
     def step(
@@ -229,7 +229,7 @@ class LiveLab:
         count = min(math.ceil(elapsed / STEP), MOST_STEPS_BETWEEN) + 1
         seconds = np.linspace(0.0, elapsed, count)
         pressure = self.valve.pressure(state.pressure, command, seconds)
-        course, past = apply_effects(self.scenario, seconds, pressure, state.past)
+        course, past = apply_effects(self.scenario, state.time + seconds, pressure, state.past)
         load = state.load if load is None else load
         next_state = replace(
             state, time=time, pressure=float(pressure[-1]), load=load, course=course, past=past
@@ -242,9 +242,9 @@ class LiveLab:
         count = int((elapsed + state.lag) / step)
         behind = elapsed + state.lag - count * step
         count = min(count, MOST_STEPS_BETWEEN)
-        begins = freeze(elapsed - behind - step * np.arange(count, 0.0, -1.0))
+        begins = freeze(next_state.time - behind - step * np.arange(count, 0.0, -1.0))
         chain_at = functools.partial(self.chain_at, next_state.course, next_state.load)
-        swing = run.follow(state.swing or run.resting, chain_at, begins, state.time)
+        swing = run.follow(state.swing or run.resting, chain_at, begins)
         return replace(next_state, swing=swing, lag=behind)
 
     def chain_at(self, course: Course, load: Load, times: Array) -> Chain:

@@ -401,19 +401,19 @@ class Run:
             self.step(chain, row, base)
             yield before
 
-    def follow(self, swing: Swing, chain_at: ChainAt, begins: Array, since: float) -> Swing:
-        """Return the motion of an arm by steps starting at times (n,) s of a chain.
+    def follow(self, swing: Swing, chain_at: ChainAt, begins: Array) -> Swing:
+        """Return the motion of an arm by steps starting at times (n,) s.
 
-        since (s): origin of these times. The base repeats its motion forever.
+        The base repeats its motion forever.
         """
         self.data.qpos[:], self.data.qvel[:] = swing
         self.data.qacc_warmstart[:] = 0.0
         for first in range(0, begins.size, BLOCK):
             times = begins[first : first + BLOCK]
-            of_base = freeze(np.mod(since + times, self.duration))
+            of_base = freeze(np.mod(times, self.duration))
             for _ in self.steps(chain_at, freeze(times), of_base):
                 pass
-            self.check(float(since + times[-1]))
+            self.check(float(times[-1]))
         return self.swing
 
     @property

@@ -80,7 +80,7 @@ class LabWeakChamber(LabEffect):
 class LabPeriodicDisturbance(LabEffect):
     """The intrinsic curvature oscillates, unmeasured: x (1 + amplitude sin(2 pi t / period)).
 
-    Time starts at the beginning of every recording.
+    Time starts at the beginning of every recording, and with a live lab.
     """
 
     name: ClassVar[str] = 'periodic_disturbance'
@@ -118,7 +118,7 @@ class LabPush(LabEffect):
 
     The push acts from `begins` to `ends` (seconds from the start of the recording), with ramps of
     duration `ramp`, and repeats with the period `every`. When a push without `ramp` ends, an arm
-    that has mass is plucked. In a live lab, a push that begins at 0 acts all the time.
+    that has mass is plucked. In a live lab, time starts with the lab.
     """
 
     name: ClassVar[str] = 'push'

@@ -28,6 +28,10 @@ PAST = {
     'creep': {'amplitude': 0.1, 'time_constant': 5.0},
     'softening': {'loss': 0.1, 'richness': 1.0},
 }
+TIMED = {
+    'periodic_disturbance': {'amplitude': 0.1, 'period': 3.0},
+    'push': {'force': 0.02, 'begins': 7.0, 'ramp': 1.0, 'every': 8.0},
+}
 SENSING = {
     'pressure_offset': {'offset': 500.0},
     'force_misalignment': {'angle': 0.1},
@@ -83,8 +87,8 @@ def expect_the_recording(scenario):
             assert force == pytest.approx(recording.wrench_force[index].tolist(), abs=1e-9)
 
 
-def test_effects_with_a_past_are_as_in_a_recording():
-    expect_the_recording(scenario(effects=PAST))
+def test_effects_with_a_past_or_a_time_are_as_in_a_recording():
+    expect_the_recording(scenario(effects=PAST | TIMED))
 
 
 def test_loads_and_sensors_are_as_in_a_recording():
