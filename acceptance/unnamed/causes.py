@@ -34,7 +34,7 @@ class LabLeaningPush(LabEffect):
         """Push."""
         force = self.force * np.tanh(np.maximum(chamber, 0.0) / (0.4 * arm.pressure_range[1]))
         push = Push(place=self.place * arm.length, force=freeze(force))
-        return replace(chain, push=push)
+        return replace(chain, pushes=(*chain.pushes, push))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +174,8 @@ class LabSwingingPush(LabEffect):
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Push."""
         force = self.force * np.sin(2.0 * math.pi * chain.time / self.period)
-        return replace(chain, push=Push(place=self.place * arm.length, force=freeze(force)))
+        push = Push(place=self.place * arm.length, force=freeze(force))
+        return replace(chain, pushes=(*chain.pushes, push))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -52,7 +52,7 @@ class Chain:
     line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle of every
     element; axial_compliance 1/N, and its growth with the strain; cubic m^2 and quintic m^4 of the
     moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; end_offset_across,
-    end_offset_along (m): offsets of the end force at the free end; peg; push. time (frames,) s,
+    end_offset_along (m): offsets of the end force at the free end; peg; pushes. time (frames,) s,
     from the beginning of the recording. The weight of `mass` (kg) along the arm and of `tip_mass`
     (kg) at the free end follows pulls (frames, 2) m/s^2, gravity in the base frame.
     """
@@ -76,7 +76,7 @@ class Chain:
     end_offset_across: float = 0.0
     end_offset_along: float = 0.0
     peg: Peg | None = None
-    push: Push | None = None
+    pushes: tuple[Push, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     mass: float = 0.0
     tip_mass: float = 0.0
@@ -173,7 +173,7 @@ def middle_joints(length: float, elements: int) -> Array:
 
 
 def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the equilibrium of the chain without peg and push, frame by frame.
+    """Return the equilibrium of the chain without peg and pushes, frame by frame.
 
     A frame starts from the previous one, the first one from the angles `start` (n + 2,) if given,
     so that a branch of equilibria is followed as long as it exists. Raises RequestError with the
@@ -232,23 +232,25 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
 
 
 def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the equilibrium of the chain with a push along its normal, without the peg.
+    """Return the equilibrium of the chain with pushes along its normals, without the peg.
 
-    RequestError if the iteration between the arm and the direction of the push does not converge.
+    RequestError if the iteration between the arm and the directions of pushes does not converge.
     """
-    push = chain.push
+    pushes = [push for push in chain.pushes if push.force.any()]
     shape = free_shape(chain, start)
-    if push is None or not push.force.any():
+    if not pushes:
         return shape
     elements = np.arange(chain.rest.shape[1], dtype=np.float64)
-    before = np.clip(push.place / chain.element - elements, 0.0, 1.0)
-    heading = shape.points([push.place])[2][:, 0]
-    previous_heading, previous_change = heading, np.zeros(heading.size)
+    places = np.array([push.place for push in pushes])
+    force = np.stack([push.force for push in pushes], axis=1)
+    before = np.clip(places[:, None] / chain.element - elements, 0.0, 1.0)
+    heading = shape.points(places)[2]
+    previous_heading, previous_change = heading, np.zeros(heading.shape)
     for _ in range(MOST_STEPS):
-        normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
-        line = (push.force[:, None] * normal)[:, None, :] * before[:, None]
+        normal = np.stack([-np.sin(heading), np.cos(heading)], axis=2)
+        line = np.einsum('fp,fpc,pe->fec', force, normal, before)
         shape = free_shape(replace(chain, line=chain.line + line), start)
-        change = shape.points([push.place])[2][:, 0] - heading
+        change = shape.points(places)[2] - heading
         if np.abs(change).max() < TURNED:
             return shape
         # Secant method on the heading of the push; it starts at the heading of the arm.
@@ -257,7 +259,7 @@ def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
         slope = np.where(slope > 0.0, slope, 1.0)
         previous_heading, previous_change = heading, change
         heading = heading + change / slope
-    frame = int(np.argmax(np.abs(previous_change)))
+    frame = int(np.argmax(np.abs(previous_change).max(axis=1)))
     raise RequestError(
         f'the lab arm finds no equilibrium under its push in frame {frame}: use a smaller force',
         reason='no_equilibrium',

@@ -300,7 +300,8 @@ class LabContact(LabEffect):
         """Add the push."""
         grown = 1.0 + 0.3 * self.richness * relative_pressure(arm, chamber)
         force = freeze(self.force * grown)
-        return replace(chain, push=Push(place=self.arclength * arm.length, force=force))
+        push = Push(place=self.arclength * arm.length, force=force)
+        return replace(chain, pushes=(*chain.pushes, push))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -352,13 +352,13 @@ class Run:
         end = 0.5 * self.link + chain.end_offset_along - self.middles[-1]
         lever = in_heading(self.arm.clamp_angle + bend_angles[-1], end, chain.end_offset_across)
         add_force(force, torque, self.links, chain.force[row], lever)
-        if chain.push is not None:
-            position = chain.push.place
+        for one in chain.pushes:
+            position = one.place
             link = min(int(position / self.link + 0.5), self.links)
             start = max(link - 0.5, 0.0) * self.link
             before = link if self.has_clamp_hinge else link - 1
             relative = self.arm.clamp_angle + (bend_angles[before] if before >= 0 else 0.0)
-            push = in_heading(relative, 0.0, float(chain.push.force[row]))
+            push = in_heading(relative, 0.0, float(one.force[row]))
             lever = in_heading(relative, position - start - self.middles[link], 0.0)
             add_force(force, torque, link, push, lever)
         if self.turning:

@@ -147,7 +147,7 @@ class LabPush(LabEffect):
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Push."""
         push = Push(place=self.place * arm.length, force=self.force_at(chain.time))
-        return replace(chain, push=push)
+        return replace(chain, pushes=(*chain.pushes, push))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

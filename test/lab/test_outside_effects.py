@@ -86,6 +86,22 @@ def test_a_push_is_there_from_one_moment_to_another():
     assert moved[~there].max() == 0.0
 
 
+def test_a_push_adds_to_a_contact():
+    half = lab_effect('contact', {'force': 0.02, 'arclength': 0.7})
+    other = lab_effect('push', {'force': 0.02, 'place': 0.7})
+    whole = lab_effect('push', {'force': 0.04, 'place': 0.7})
+    assert seen(LOADED, half, other)[0] == pytest.approx(seen(LOADED, whole)[0], abs=1e-9)
+    near = lab_effect('push', {'force': -0.03, 'place': 0.3})
+    _, both = seen(FREE, half, near)
+    bent, at = both.curvature - both.intrinsic_curvature, both.arclength / ARM.length
+    _, alone = seen(FREE, half)
+    beyond = at > 0.32  # the arm there feels only the contact
+    assert bent[:, beyond] == pytest.approx(
+        (alone.curvature - alone.intrinsic_curvature)[:, beyond], abs=1e-4
+    )
+    assert np.abs(bent - (alone.curvature - alone.intrinsic_curvature))[:, at < 0.2].max() > 1.0
+
+
 def test_a_periodic_disturbance_comes_back_with_its_period():
     _, truth = seen(FREE)
     _, swung = seen(FREE, lab_effect('periodic_disturbance', {'amplitude': 0.1, 'period': 1.0}))
