@@ -209,6 +209,21 @@ def test_a_camera_with_a_known_pose_needs_no_rest():
     assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-4
 
 
+@pytest.mark.parametrize('tilt', [(0.78, 0.0), (0.0, 0.78)])
+def test_a_dot_seen_obliquely_is_where_its_center_is_not_where_that_of_its_outline_is(tilt):
+    camera = plain_camera(1280, 960, tilt=tilt)
+    quaternion = tuple(Rotation.from_matrix(camera.rotation).as_quat().tolist())
+    pose = PosePlane(position=tuple(camera.position.tolist()), quaternion=quaternion)
+    film = Film(CameraSettings(plane=pose), camera, noise=0.0)
+    moment = film.motion.frame_state(20e3, radius=0.0015)
+    grey, truth = film.renderer.render(moment, film.rng)
+    found = film.show(grey).sightings
+    off = np.column_stack([found.x - truth.x, found.y - truth.y])
+    assert np.abs(off.mean(axis=0)).max() < 1e-6  # 8e-6 of outlines
+    pixels = np.column_stack([found.u - truth.u, found.v - truth.v])
+    assert np.abs(pixels.mean(axis=0)).max() > 0.03
+
+
 def test_points_that_do_not_fit_the_lens_are_an_error_of_every_image():
     points = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.06], [0.0, 0.06]])
     pixels = np.array([[1.0, 1.0], [5e4, 1.0], [5e4, 400.0], [1.0, 400.0]])

@@ -49,7 +49,7 @@ def gate_row(
         alone = consistent_motion(off, last.spacing, gating)[1]
         table[alone], why[alone] = np.nan, 'motion'
         farthest = math.inf
-    normalized = view.lens.undistort(table[:, :2])
+    normalized = view.dot_centers(table)
     points = view.plane.points(normalized)
     sized = consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)
     if parts is not None:

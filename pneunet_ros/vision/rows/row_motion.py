@@ -137,7 +137,9 @@ def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
     if shutter.is_at_stamp or not seen.any():
         return row
     seconds = shutter.seconds_after_stamp(row.table[seen, V], view.image.height)
-    normalized = view.lens.undistort(row.table[seen, :2] - seconds[:, None] * now.velocity[seen])
+    table = row.table[seen]
+    table[:, :2] -= seconds[:, None] * now.velocity[seen]
+    normalized = view.dot_centers(table)
     points, std = row.points.copy(), row.std.copy()
     points[seen] = view.plane.points(normalized)
     scale = view.lens.scale(normalized) * view.plane.scale(normalized)

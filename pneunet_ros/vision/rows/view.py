@@ -13,7 +13,7 @@ from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRest
 from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
 from pneunet_ros.vision.dots.blobs import find_areas, same_blobs
-from pneunet_ros.vision.dots.centroid import COLUMNS, Mask
+from pneunet_ros.vision.dots.centroid import axes_of, COLUMNS, Mask
 from pneunet_ros.vision.rest_plane import Failure
 from pneunet_ros.vision.settings import VisionSettings
 
@@ -49,6 +49,25 @@ class View:
     def is_taken(self, table: Array) -> Mask:
         """Whether blobs (n, COLUMNS) belong to other rows (n,)."""
         return np.asarray(same_blobs(table, self.taken).any(axis=1))
+
+    def dot_centers(self, table: Array) -> Array:
+        """Return the centers of dots (n, COLUMNS), normalized (n, 2).
+
+        If a camera looks obliquely, the center of a round dot is not that of its outline, but the
+        pole of the horizon with respect to it.
+        """
+        places = table[:, :2]
+        outline = self.lens.undistort(places)
+        nearness = self.plane.base_from_normalized[2]
+        if not nearness[:2].any():
+            return outline
+        along_u = self.lens.undistort(np.add(places, (1.0, 0.0))) - outline  # of a pixel
+        along_v = self.lens.undistort(np.add(places, (0.0, 1.0))) - outline
+        xx, xy, yy = axes_of(table).T[:, :, None]
+        first, second = xx * along_u + xy * along_v, xy * along_u + yy * along_v
+        slope = nearness[:2, None]
+        off = first * (first @ slope) + second * (second @ slope)
+        return np.asarray(outline - off / (outline @ slope + nearness[2]))
 
     def round_areas(self) -> RoundAreas:
         """Return candidate areas for blobs, most salient first."""
