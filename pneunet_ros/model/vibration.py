@@ -41,17 +41,20 @@ def vibration(arm: Arm, shape: Shape, count: int = 2) -> Modes | None:
         Frequencies (rad/s), damping (1/s) and shapes; None if the equilibrium is not stable.
 
     Raises:
-        RequestError: the shape is a failed one, or count is not within 1 and the number of links.
+        RequestError: the shape is a failed one, or count is not within 1 and the number of links
+            with mass.
     """
     if shape.solution is None:
         raise RequestError(
             f'there is no vibration, because there is no shape: {shape.status}',
             reason='no_equilibrium',
         )
-    if not 1 <= count <= LINKS:
+    masses = masses_of(arm)
+    most = np.count_nonzero(masses.mass)
+    if not 1 <= count <= most:
         raise RequestError(
-            f'the number of vibration modes must lie between 1 and {LINKS}, not {count}',
+            f'the number of vibration modes must lie between 1 and {most}, not {count}',
             reason='out_of_bounds',
         )
     damping_time = 0.0 if arm.inertia is None else arm.inertia.damping_time
-    return modes_of(links_at(shape.solution), masses_of(arm), damping_time, count)
+    return modes_of(links_at(shape.solution), masses, damping_time, count)

@@ -48,15 +48,16 @@ def modes_of(links: Links, masses: Masses, damping_time: float, count: int) -> M
     from scipy.linalg import eigh, LinAlgError  # slow to import, and rarely needed
 
     inertia, stiffness = mass_matrix(links, masses), stiffness_matrix(links)
-    try:
-        squares, shapes = eigh(stiffness, inertia, subset_by_index=[0, count - 1])
+    size = len(inertia)
+    try:  # in 1 / frequency^2: links without mass make the inertia singular
+        squares, shapes = eigh(inertia, stiffness, subset_by_index=[size - count, size - 1])
     except LinAlgError:
         return None
-    if not squares[0] > 0.0:
-        return None
+    frequency = 1.0 / np.sqrt(squares[::-1])
+    shapes = frequency * shapes[:, ::-1]
     bent = np.einsum('im,ij,jm->m', shapes, bending_stiffness(links), shapes)
     return Modes(
-        frequency=freeze(np.sqrt(squares)),
+        frequency=freeze(frequency),
         damping=freeze(damping_time * bent),
         shape=freeze(np.ascontiguousarray(shapes.T)),
         moment=freeze(np.diff(shapes.T, axis=1, prepend=0.0) / links.compliance),

@@ -115,6 +115,40 @@ def test_the_weight_of_a_cap_is_that_of_the_soft_part_alone():
     assert masses.mass[-3:] == pytest.approx(0.0)
 
 
+def capped_frequency(cap: float, tip: float) -> float:
+    """Return the first frequency (rad/s) of a beam with a tip (kg) at the end of a cap (m).
+
+    The cap is stiff and has no mass: the inertia of the tip is a force and a moment at the end of
+    the beam y = cosh z - cos z + c (sinh z - sin z), z = k s.
+    """
+
+    def end(wave: float) -> float:
+        z = wave * LENGTH
+        cosh, cos, sinh, sin = np.cosh(z), np.cos(z), np.sinh(z), np.sin(z)
+        even = (cosh - cos, sinh + sin, cosh + cos, sinh - sin)  # with its derivatives by z
+        conditions = []
+        for part in (even, (even[3], *even[:3])):
+            value, slope, second, third = np.array(part) * wave ** np.arange(4.0)
+            inertia = tip * wave**4 * LENGTH / MASS * (value + cap * slope)
+            conditions.append((second - cap * inertia, third + inertia))
+        (moment, cross), (moment_c, cross_c) = conditions
+        return float(moment * cross_c - moment_c * cross)
+
+    wave = float(brentq(end, 0.3 / LENGTH, 1.9 / LENGTH))
+    return wave**2 * float(np.sqrt(STIFFNESS * LENGTH / MASS))
+
+
+@pytest.mark.parametrize('tip', [0.0, 0.004])
+@pytest.mark.parametrize('cap', [0.01, 0.012, 0.03])
+def test_a_cap_is_a_lever_without_mass(cap, tip):
+    arm = replace(beam(tip_mass=tip), tip_cap=cap)
+    modes = vibration(arm, solve(arm, 0.0), count=2)
+    assert modes.frequency[0] == pytest.approx(capped_frequency(cap, tip), rel=3e-3)
+    assert modes.shape[:, -1] == pytest.approx(modes.shape[:, -2], rel=1e-6)
+    with refused(RequestError, 'out_of_bounds'):
+        vibration(arm, solve(arm, 0.0), count=LINKS)
+
+
 def test_what_cannot_vibrate_is_refused():
     arm = beam()
     with refused(RequestError, 'out_of_bounds'):
