@@ -160,6 +160,13 @@ def solve(
     """
     check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
+    return solve_load(arm, load, start, stations)
+
+
+def solve_load(
+    arm: Arm, load: Load, start: Shape | None = None, stations: int = DEFAULT_STATIONS
+) -> Shape:
+    """Predict the shape under a true load, as `solve` does from readings."""
     chamber = steady_pressure(arm, load.pressure)
     known = start.solution if start is not None else None
     arclength = station_arclength(arm.reach, stations)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
+from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.equilibrium import solve, tip_jacobian
+from pneunet_ros.model.equilibrium import check_finite, solve_load, tip_jacobian
 from pneunet_ros.model.shape import Shape
 
 MOST_STEPS = 30  # total number of Newton steps
@@ -80,30 +81,31 @@ def solve_string(
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
 ) -> Shape:
-    """Return the equilibrium of an arm with a string at its tip; `force` is the total load.
+    """Return the equilibrium of an arm with a string at its tip; `force` is the total true load.
 
     Args:
         arm: the calibrated arm.
         pressure: reading of the sensor, held constant; Pa gauge.
         string: the thread.
-        force: F1, F2 on the free end in addition to that of the string, N.
+        force: F1, F2 on the free end as the sensor reads them, without that of the string, N.
         moment: on the free end, N m.
 
     Returns:
         The shape; if none was found, its arrays are NaN and `status` says why.
 
     Raises:
-        RequestError: the eye lies on the arm.
+        RequestError: a value is not a finite number, or the eye lies on the arm.
 
     The direction follows the tip, by Newton's method with the compliance of the tip; the tension
     is increased in smaller steps if this does not converge.
     """
-    other_force = np.array(force)
-    shape = solve(arm, pressure, force, moment)
+    check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
+    other = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
+    shape = solve_load(arm, other)
     share, step, steps = 0.0, 1.0, 0
     while shape.converged and share < 1.0 and steps < MOST_STEPS:
         reduced = String(tension=min(share + step, 1.0) * string.tension, x=string.x, y=string.y)
-        found, used = settle(arm, pressure, reduced, other_force, moment, shape)
+        found, used = settle(arm, other, reduced, shape)
         steps += used
         if found is not None:
             shape, share = found, share + step
@@ -128,14 +130,16 @@ def solve_string(
     return shape
 
 
-def settle(
-    arm: Arm, pressure: float, string: String, other_force: Array, moment: float, start: Shape
-) -> tuple[Shape | None, int]:
-    """Iterate from a nearby shape until the force is that of the string; count the steps."""
-    shape = start
+def settle(arm: Arm, other: Load, string: String, start: Shape) -> tuple[Shape | None, int]:
+    """Iterate from a nearby shape until the force is that of the string; count the steps.
+
+    other: the true load without that of the string.
+    """
+    shape, other_force = start, np.array([other.force_x, other.force_y])
     force = other_force + string.pull(np.array(shape.tip[:2]))
     for step in range(1, 1 + MOST_STEPS // 3):
-        shape = solve(arm, pressure, (force[0], force[1]), moment, shape)
+        load = replace(other, force_x=float(force[0]), force_y=float(force[1]))
+        shape = solve_load(arm, load, shape)
         if not shape.converged:
             return None, step
         tip = np.array(shape.tip[:2])

@@ -12,8 +12,11 @@ from pneunet_ros.cli.experiments import by_recording
 from pneunet_ros.cli.main import main
 from pneunet_ros.cli.quantity_option import string_of
 from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.readings import unseen_targets
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.force_misalignment import ForceMisalignment
+from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.outside_effects import LabPulley
@@ -53,6 +56,18 @@ def test_the_force_points_from_the_tip_to_the_eye(arm, pressure, tension):
     assert np.array(shape.force) == pytest.approx(tension * way / np.hypot(*way), abs=1e-9)
     again = solve(arm, pressure, shape.force, start=shape)
     assert again.tip == pytest.approx(shape.tip, abs=1e-9)
+
+
+def test_a_string_pulls_truly_whatever_a_sensor_reads(arm):
+    turned = dataclasses.replace(
+        arm, effects=(ForceMisalignment(angle=0.5), PressureGain(gain=1.1)), covariance=None
+    )
+    string = String(tension=0.2, x=0.4, y=0.1)
+    shape = solve_string(turned, 40e3, string)
+    assert shape.tip == pytest.approx(solve_string(arm, 44e3, string).tip, abs=1e-9)
+    shape = solve_string(turned, 40e3, string, (0.02, 0.01))
+    read = np.array(shape.force) - string.pull(np.array(shape.tip[:2]))
+    assert read == pytest.approx(rotate(0.5, 0.02, 0.01), abs=1e-9)
 
 
 def test_far_away_it_is_a_constant_force(arm):
