@@ -125,7 +125,7 @@ def equilibria(arm: Arm, run: RecordingData) -> Inputs:
 
 
 def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
-    """Return the inputs from the readings alone, without history."""
+    """Return the inputs from the readings alone, without history; a known load is no reading."""
     loads = run.load
     if not arm.sensing:
         return Inputs(pressure=run.frame_pressure, loads=loads, gravity=run.gravity)
@@ -135,6 +135,8 @@ def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
     ]
     return Inputs(
         pressure=np.array([load.pressure for load in true]),
-        loads=np.array([[load.force_x, load.force_y, load.moment] for load in true]),
+        loads=loads
+        if run.load_known
+        else np.array([[load.force_x, load.force_y, load.moment] for load in true]),
         gravity=run.gravity,
     )

@@ -22,6 +22,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.outside_effects import LabPulley
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.string_load import tips_of, with_string
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.equilibrium import tip_jacobian
@@ -68,6 +69,16 @@ def test_a_string_pulls_truly_whatever_a_sensor_reads(arm):
     shape = solve_string(turned, 40e3, string, (0.02, 0.01))
     read = np.array(shape.force) - string.pull(np.array(shape.tip[:2]))
     assert read == pytest.approx(rotate(0.5, 0.02, 0.01), abs=1e-9)
+
+
+def test_a_known_load_of_a_recording_is_no_reading(arm):
+    string = String(tension=0.1, x=EYE[0], y=EYE[1])
+    run, _ = with_string(run_with(arm, [solve_string(arm, 20e3, string)]), arm, string)
+    turned = dataclasses.replace(arm, effects=(ForceMisalignment(angle=0.5),), covariance=None)
+    (known,) = inputs_of(turned, [run])
+    assert known.loads == pytest.approx(run.load)
+    (read,) = inputs_of(turned, [dataclasses.replace(run, load_known=False)])
+    assert read.loads[0, :2] == pytest.approx(rotate(0.5, *run.force[0]))
 
 
 def test_far_away_it_is_a_constant_force(arm):
