@@ -39,6 +39,7 @@ from pneunet_ros.solver.columns import (
     RIGIDITY,
     THETA,
 )
+from pneunet_ros.solver.interpolation import least_stretch
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import ACCEPTED, BATCH_ITERATIONS, BATCH_TOLERANCE, SOLVER
 from pneunet_ros.solver.solution import SolverNodes
@@ -128,8 +129,10 @@ def solve_many(
     converged &= ~rods.push.any(axis=(1, 2))  # pushes that rotate are solved one by one
     residual = np.maximum(residual, missed)
     springs = np.all(rods.sections[:, :, RIGIDITY] > 0.0, axis=1)
-    for index in np.flatnonzero(converged & springs).tolist():
-        converged[index] = is_stable(solved(rods, index, loads[index], nodes, start.solution))
+    for index in np.flatnonzero(converged).tolist():
+        one = solved(rods, index, loads[index], nodes, start.solution)
+        converged[index] = least_stretch(one.panels, one.nodes) >= SOLVER.shortest
+        converged[index] &= not springs[index] or is_stable(one)
     for index in np.flatnonzero(~converged).tolist():
         shape = solve_alone(arm, rods.record(index), loads[index], start, arclength)
         converged[index], residual[index] = shape.converged, shape.residual

@@ -38,7 +38,7 @@ from pneunet_ros.solver.columns import (
     THETA,
     TIP_WIDTH,
 )
-from pneunet_ros.solver.interpolation import at_stations
+from pneunet_ros.solver.interpolation import at_stations, least_stretch
 from pneunet_ros.solver.linearization import panel_changes, station_changes
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.sensitivity import sensitivities
@@ -325,6 +325,10 @@ def solve_dead_loads(
     if missed > settings.turn_per_panel or not np.isfinite(values[THETA]).all():
         reason = 'no equilibrium found: the load is far beyond that of any arm'
         return failed_shape(arm, load, arclength, reason, missed, problem.iterations)
+    if not least_stretch(problem.panels, problem.nodes) >= settings.shortest:
+        percent = 100.0 * settings.shortest
+        reason = f'the load shortens the arm to less than {percent:g} % of its length'
+        return failed_shape(arm, load, arclength, reason, missed, problem.iterations)
     solution = problem.solution()
     stable = None
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
@@ -342,7 +346,7 @@ def solve_dead_loads(
 def follow_shape(
     rods: Rods, load: Load, start: SolverNodes, arclength: Array, settings: SolverSettings
 ) -> Shape | None:
-    """Return the shape next to a neighbor, on its mesh; None if that mesh is not fine enough."""
+    """Return the shape next to a neighbor, on its mesh; None if there is none that is valid."""
     if len(start.counts) != rods.sections.shape[1]:
         return None
     (ends,) = join_ends(rods.clamp[:1], load.row)
@@ -362,6 +366,7 @@ def follow_shape(
         settings.tolerance,
         settings.finest_detail * rods.length,
         settings.coarser,
+        settings.shortest,
         arclength,
         panels,
         nodes,

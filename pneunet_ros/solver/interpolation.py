@@ -17,6 +17,7 @@ from pneunet_ros.solver.panel import (
     curvature_change,
     dot,
     GAUSS_ABSCISSAE,
+    GAUSS_POINTS,
     panel_fields,
     resolve,
     sine_cosine,
@@ -193,6 +194,20 @@ def resolution(panels: Array, nodes: Array, knots: Array, rotation: Array) -> fl
             _, piece = rotation_at(panel[col.PANEL_START], knots, rotation, piece)
             missed += panel_series(panels, nodes, p, knots, rotation, piece, work, series)
     return max(worst, missed * knots[-1])
+
+
+@kernel
+def least_stretch(panels: Array, nodes: Array) -> float:
+    """Return the least stretch of a solved rod, at the Gauss points."""
+    least = np.inf
+    for p in range(len(panels)):
+        row = panels[p]
+        for i in range(GAUSS_POINTS):
+            n1, n2 = panel_force(row, GAUSS_ABSCISSAE[i])
+            sine, cosine = sine_cosine(nodes[p, col.NODE_GAUSS + i])
+            axial, _ = resolve(sine, cosine, n1, n2)
+            least = min(least, row[col.PANEL_STRETCH] + row[col.PANEL_AXIAL] * axial)
+    return float(least)
 
 
 @inlined

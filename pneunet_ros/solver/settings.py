@@ -49,7 +49,7 @@ class SolverSettings:
         source='sweep: halved and doubled: no figure by more than 3e-8',
     )
     coarser: float = tuning(32.0, 'detail on half as many panels, at least', unit='detail')
-    shortest: float = tuning(0.05, 'least stretch that rest strain may leave')
+    shortest: float = tuning(0.05, 'least stretch that rest strain and load may leave')
 
 
 SOLVER = SolverSettings()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros import solve
+from pneunet_ros import solve, solve_many
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
@@ -41,6 +41,17 @@ BUCKLING = math.pi**2 * STIFFNESS / (4 * LENGTH**2)  # N
 
 
 # ---- a solve is a value -------------------------------------------------------------------------
+
+
+def test_a_load_that_turns_the_arm_inside_out_is_refused():
+    arm = replace(paper_arm((Extensibility(axial_stiffness=0.15),)), domain=None)
+    near = solve(arm, 0.0, (-0.12, 0.0))
+    assert near.converged and near.tip[0] == pytest.approx(0.2 * LENGTH)
+    for start in (None, near):  # a stretch of -0.33, beyond zero
+        shape = solve(arm, 0.0, (-0.2, 0.0), start=start)
+        assert not shape.converged and 'shortens' in shape.status
+    shapes = solve_many(arm, [0.0, 0.0], [(-0.2, 0.0), (-0.12, 0.0)], start=near)
+    assert shapes.converged.tolist() == [False, True]
 
 
 def test_a_shape_has_stations_from_clamp_to_tip():

@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import newton, panel_counts, prepare
-from pneunet_ros.solver.interpolation import at_stations, resolution
+from pneunet_ros.solver.interpolation import at_stations, least_stretch, resolution
 from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import ACCEPTED
 
@@ -32,6 +32,7 @@ def follow(
     tolerance: float,
     finest: float,
     coarser: float,
+    shortest: float,
     arclength: Array,
     panels: Array,
     nodes: Array,
@@ -40,10 +41,10 @@ def follow(
     """Solve a rod from the panels and nodes of a neighbor, in place, on the same mesh.
 
     counts (sections,): the panels of that mesh on each section; finest (m): the detail that it
-    must resolve; coarser: as in `SolverSettings`. Fills panels, nodes and the fields (6, stations)
-    at stations of increasing arclength (m). Returns whether the rod is in equilibrium (stable, if
-    stability is defined), the residual (rad), and the number of Newton steps. If the first is
-    False, another mesh or another start is needed.
+    must resolve; coarser, shortest: as in `SolverSettings`. Fills panels, nodes and the fields
+    (6, stations) at stations of increasing arclength (m). Returns whether the rod is in
+    equilibrium (stable, if stability is defined), the residual (rad), and the number of Newton
+    steps. If the first is False, another mesh or another start is needed.
     """
     needed = panel_counts(
         length, sections, rotation, ends, decay_per_panel, turn_per_panel, most_panels
@@ -60,6 +61,8 @@ def follow(
     prepare(length, sections, knots, rotation, ends, counts, panels)
     residual, iterations = newton(panels, ends, nodes, most_iterations, tolerance)
     if not residual <= ACCEPTED or resolution(panels, nodes, knots, rotation) > finest:
+        return False, residual, iterations
+    if not least_stretch(panels, nodes) >= shortest:
         return False, residual, iterations
     positive = True
     for k in range(len(sections)):
