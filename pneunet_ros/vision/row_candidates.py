@@ -31,6 +31,7 @@ from pneunet_ros.vision.beam_search import (
     X,
     Y,
 )
+import scipy
 
 Pairs = tuple[Indices, Indices]
 NEIGHBORS = 24  # of a blob, one of which is the next target: more than fit between two targets
@@ -82,15 +83,14 @@ class RowCandidates:
         If only some blobs have no cost, the second one of a row is any of these.
         """
         x, y, _, costs = self.blobs
-        apart = np.hypot(x[:, None] - x, y[:, None] - y)
-        np.fill_diagonal(apart, math.inf)
-        free, many = np.flatnonzero(costs == 0.0), min(NEIGHBORS, x.size - 1)
+        free = np.flatnonzero(costs == 0.0)
         if free.size < x.size:  # few of them are likely: no pair with one is too many
             neighbors = np.tile(free, (x.size, 1))
         else:
-            neighbors = np.argpartition(apart, many - 1, axis=1)[:, :many]
+            tree = scipy.spatial.cKDTree(self.points)  # each is its own nearest neighbor
+            neighbors = tree.query(self.points, range(1, min(NEIGHBORS + 1, x.size) + 1))[1]
         first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
-        distinct = (apart[first, second] > 0.0) & (first != second)
+        distinct = (x[first] != x[second]) | (y[first] != y[second])
         return first[distinct], second[distinct]
 
     def near(self, others: Array, limit: float) -> Indices:
