@@ -344,7 +344,7 @@ class LabLensDistortion(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabInertia(LabEffect):
-    """The arm has mass: MuJoCo simulates it, as for the block `motion` of a scenario."""
+    """The arm has mass: MuJoCo simulates it. A number of 0 leaves that of the block `motion`."""
 
     name: ClassVar[str] = 'inertia'
     tip_mass: float = quantity(0.0, unit='kg', bounds=(0.0, 1e2))

@@ -170,7 +170,7 @@ class LiveLab:
         shift = random_of(self.scenario, 'registration').standard_normal(2)
         object.__setattr__(self, 'placement', placement)
         object.__setattr__(self, 'registration', freeze(noise.registration_std * shift))
-        motion, run = self.scenario.motion, None
+        motion, run = self.scenario.effective_motion, None
         if motion is not None and motion.inertia:
             rested = self._at(0.0, self.lowest, Load(), {})
             chain_at = functools.partial(self.chain_at, rested.course, rested.load)
@@ -249,8 +249,8 @@ class LiveLab:
 
     def chain_at(self, course: Course, load: Load, times: Array) -> Chain:
         """Return the chain under a load at times (n,) s of a course."""
-        scenario = self.scenario
-        if scenario.motion is not None and scenario.motion.inertia:
+        scenario, motion = self.scenario, self.scenario.effective_motion
+        if motion is not None and motion.inertia:
             scenario = for_mujoco(scenario)
         force = freeze(np.tile([load.force_x, load.force_y], (times.size, 1)))
         chain = chain_of(scenario, course, times, force, freeze(np.mod(times, self.period)))
@@ -308,7 +308,7 @@ class LiveLab:
 
     def apparent_gravity(self, time: float) -> Array:
         """Return the apparent gravity in the frame of the base, (1, 3) m/s^2."""
-        motion = self.scenario.motion or LabMotion()
+        motion = self.scenario.effective_motion or LabMotion()
         return motion.apparent_gravity(np.mod(np.array([time]), self.period), self.period)
 
     @property

@@ -75,14 +75,19 @@ class Scenario:
         order = list(ALL_EFFECTS)
         effects = sorted(self.effects, key=lambda effect: order.index(effect.name))
         object.__setattr__(self, 'effects', tuple(effects))
-        for effect in effects:
+
+    @property
+    def effective_motion(self) -> LabMotion | None:
+        """The motion with the numbers of the effect `inertia` that are not 0."""
+        for effect in self.effects:
             if isinstance(effect, LabInertia) and (effect.tip_mass or effect.damping_time):
-                motion = dataclasses.replace(
-                    self.motion or LabMotion(),
-                    tip_mass=effect.tip_mass,
-                    damping_time=effect.damping_time,
+                known = self.motion or LabMotion(damping_time=0.0)
+                return dataclasses.replace(
+                    known,
+                    tip_mass=effect.tip_mass or known.tip_mass,
+                    damping_time=effect.damping_time or known.damping_time,
                 )
-                object.__setattr__(self, 'motion', motion)
+        return self.motion
 
     def with_effects(self, changes: Changes) -> Scenario:
         """Return this scenario with parameters of effects changed; missing effects are added."""

@@ -87,12 +87,13 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
 
 def check_size(scenario: Scenario) -> None:
     """Reject a recording that is too large for memory, before computing it."""
-    seconds, rates = scenario.protocol.duration, scenario.rates
+    motion, rates = scenario.effective_motion, scenario.rates
+    seconds = scenario.protocol.duration
     frames = rates.frames * seconds
     moving = (
         ()
-        if scenario.motion is None or not scenario.motion.inertia
-        else (('steps of MuJoCo', seconds / scenario.motion.timestep, MOST_STEPS),)
+        if motion is None or not motion.inertia
+        else (('steps of MuJoCo', seconds / motion.timestep, MOST_STEPS),)
     )
     for what, count, most in (
         *moving,
@@ -176,7 +177,7 @@ def shape_of(
 
     Also returns the end forces (n, 2) N including effects.
     """
-    motion = scenario.motion
+    motion = scenario.effective_motion
     if motion is None or not motion.inertia:
         chain = chain_of(scenario, course, times, events.force_at(times))
         return equilibrium_shape(chain), None, chain.force
@@ -191,8 +192,9 @@ def shape_of(
 
 def for_mujoco(scenario: Scenario) -> Scenario:
     """Return a scenario whose chain has two elements per MuJoCo hinge."""
-    assert scenario.motion is not None
-    elements = 2.0 * scenario.motion.links
+    motion = scenario.effective_motion
+    assert motion is not None
+    elements = 2.0 * motion.links
     return replace(scenario, detail=replace(scenario.detail, elements=elements))
 
 
@@ -209,7 +211,7 @@ def chain_of(
 
     of_base (n,) s: the times of the motion of the base, if they are others.
     """
-    arm, motion = scenario.arm, scenario.motion
+    arm, motion = scenario.arm, scenario.effective_motion
     chamber = freeze(np.interp(times, course.time, course.chamber))
     factor = np.interp(times, course.time, course.rigidity_factor)
     rigidity, split = arm.stiffness(chamber)
@@ -276,7 +278,7 @@ def measure(
         draw_stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
         for name, time in zip(('pressure', 'wrench', 'frames', 'imu'), times, strict=True)
     ]
-    pulls = (scenario.motion or LabMotion()).apparent_gravity(times[3], duration)
+    pulls = (scenario.effective_motion or LabMotion()).apparent_gravity(times[3], duration)
     shaken = noise.imu_std * random_of(scenario, 'imu').standard_normal(pulls.shape)
     pressure, _ = read_sensors(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
     white = random_of(scenario, 'pressure').standard_normal(pressure.size)

@@ -14,6 +14,7 @@ from pneunet_ros.core.units import quantities, seconds_between
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
@@ -192,3 +193,15 @@ def test_unconditioned_and_softened_arm_differ_below_the_largest_pressure_alone(
 def test_what_is_no_effect_of_the_lab_is_said(name, parameters, words):
     with pytest.raises(RequestError, match=words):
         lab_effect(name, parameters)
+
+
+def test_the_effect_inertia_leaves_the_other_number_of_the_motion_and_can_be_undone():
+    block = LabMotion(tip_mass=0.005, damping_time=0.04)
+    plain = dataclasses.replace(scenario(()), motion=block)
+    damped = plain.with_effects({'inertia': {'damping_time': 0.02}})
+    assert damped.effective_motion == dataclasses.replace(block, damping_time=0.02)
+    undone = damped.with_effects({'inertia': {'damping_time': 0.0}})
+    assert undone.effective_motion == undone.motion == block
+    alone = scenario(()).with_effects({'inertia': {'tip_mass': 0.004}})
+    assert alone.effective_motion == LabMotion(tip_mass=0.004, damping_time=0.0)
+    assert alone.with_effects({'inertia': {'tip_mass': 0.0}}).effective_motion is None

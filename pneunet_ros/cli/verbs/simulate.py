@@ -80,9 +80,9 @@ def run(arguments: Namespace) -> int:
     if arguments.seed is not None:
         scenario = dataclasses.replace(scenario, seed=arguments.seed)
     scenario = scenario.with_effects(changes_of(arguments.effect))
-    if arguments.engine == 'mujoco' or (arguments.engine and scenario.motion is not None):
+    if arguments.engine == 'mujoco' or (arguments.engine and scenario.effective_motion):
         inertia = float(arguments.engine == 'mujoco')
-        motion = dataclasses.replace(scenario.motion or LabMotion(), inertia=inertia)
+        motion = dataclasses.replace(scenario.effective_motion or LabMotion(), inertia=inertia)
         scenario = dataclasses.replace(scenario, motion=motion)
     memory = memory_after(arguments.after) if arguments.after is not None else None
     started = time.perf_counter()
