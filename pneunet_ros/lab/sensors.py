@@ -18,7 +18,7 @@ import scipy
 DRIFT_KNOTS = 9  # of the random walk of the drift
 OCCLUSION = 0.3, 1.2  # s, shortest and longest
 HIDDEN = 2, 5  # targets, fewest and most, by one occlusion
-START = 1_750_000_000  # s, earliest stamp of the first recording of a lab
+START = 1_750_000_000  # s, stamp at which the time of a lab begins
 _SIZE = (0.0, 1e6)
 
 
@@ -110,7 +110,7 @@ def draw_stamps(
     """Return stamps (ns) of readings at times (s) after `start`, with jitter."""
     period = float(np.min(np.diff(time))) if time.size > 1 else 1.0
     late = np.clip(noise.jitter_std * random.standard_normal(time.size), -period / 3, period / 3)
-    since = np.maximum(start + time + late, 0.0) * NANOSECONDS_PER_SECOND
+    since = (start + time + late) * NANOSECONDS_PER_SECOND
     result: npt.NDArray[np.int64] = START * NANOSECONDS_PER_SECOND + np.rint(since).astype(
         np.int64
     )

@@ -156,3 +156,9 @@ def test_defaults_are_those_of_the_docs():
     noise = LabNoise()
     assert (noise.pressure_std, noise.force_std, noise.target_std) == (60.0, 1e-3, 5e-5)
     assert (noise.placement_std, noise.registration_std, noise.drift_std) == (5e-5, 1e-4, 5e-5)
+
+
+def test_stamps_increase_with_a_camera_that_stamps_early():
+    time = np.arange(20) * 0.1
+    stamp = draw_stamps(np.random.default_rng(0), time - 1.0, 0.0, LabNoise())
+    assert np.diff(stamp) == pytest.approx(np.full(19, 1e8), abs=1e7)
