@@ -7,18 +7,19 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.experiments import read_experiments
+from pneunet_ros.cli.experiments import calibration_settings, read_experiments
 from pneunet_ros.cli.provenance import provenance_of, versions
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
+from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.json_text import json_text
@@ -127,7 +128,8 @@ class SurveyWork:
     ) -> dict[str, Any]:
         """Write the files of both verbs to a new folder; return the summary for the survey."""
         unloaded, loaded, held_out = groups
-        calibration = calibrate(unloaded, loaded, frame, compare=False)
+        settings = calibration_settings(self.request.arguments(()))
+        calibration = calibrate(unloaded, loaded, frame, compare=False, settings=settings)
         if not calibration.joint.converged:
             raise ModelError(
                 f'the calibration did not converge: {calibration.joint.status}',
@@ -137,7 +139,13 @@ class SurveyWork:
         roles = {'unloaded': unloaded, 'loaded': loaded}
         origin = provenance_of(arguments, calibration, roles)
         model = described_arm(calibration, arm.name, frame, origin)
-        investigation = investigate(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
+        investigation = investigate(
+            model,
+            [*unloaded, *loaded],
+            held_out,
+            seed=self.request.seed,
+            settings=replace(DEFAULTS, calibration=settings),
+        )
         discovery = discover(investigation)
         diagnosis = investigation.overruled(discovery.overruling).diagnosis
         inputs = [

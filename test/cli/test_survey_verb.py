@@ -7,20 +7,28 @@ from contextlib import contextmanager
 from dataclasses import replace
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros import load_model, save_model
+from pneunet_ros.calibration.settings import judging
+from pneunet_ros.cli import survey_arm
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.verb import SENSOR_SETTINGS
 from pneunet_ros.cli.verbs import survey
+from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.readings import PRESSURE, TARGETS
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.offline.survey import read_fleet
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.reports import figure as report_figure
 import pytest
 from support.html_pages import Page
+from support.refusals import refused
 from support.small_diagnosis import without_figures
 
 LENGTH, TOP = 0.1, 4e4  # m, Pa
@@ -121,6 +129,31 @@ def test_a_fleet_is_done_once_and_what_failed_says_why(run, tmp_path):
     torn.write_bytes((tmp_path / 'fleet/long/unloaded.mcap').read_bytes())
     code, content, _, _ = run('--json')
     assert (code, content['reason']) == (2, 'other_inputs')
+
+
+@pytest.mark.parametrize('judged', [True, False])
+def test_the_readings_of_an_arm_are_judged_unless_declined(monkeypatch, tmp_path, judged):
+    given = {}
+
+    def stop(*_, settings, **options):
+        given['calibrate' if 'compare' in options else 'investigate'] = settings
+        if 'compare' not in options:
+            raise ModelError('no more', reason='not_settled')
+        return SimpleNamespace(joint=SimpleNamespace(converged=True))
+
+    for name in ('calibrate', 'investigate', 'provenance_of', 'described_arm'):
+        told = stop if name in ('calibrate', 'investigate') else lambda *_: None
+        monkeypatch.setattr(survey_arm, name, told)
+    sensors = {name: getattr(EstimatorSettings(), name) for name in SENSOR_SETTINGS}
+    request = survey_arm.SurveyRequest(
+        static=True, topic=(), sensors=sensors | {'judge_readings': judged}, seed=0
+    )
+    write_arm(tmp_path / 'one', 1.0, 0.0, 1)
+    (arm,) = read_fleet(tmp_path, tmp_path)
+    with refused(ModelError, 'not_settled'):
+        survey_arm.SurveyWork(request=request)(arm)
+    declared = None if not judged else EstimatorSettings().pressure
+    assert given['calibrate'] == judging(declared) == given['investigate'].calibration
 
 
 def test_where_the_work_goes_is_asked_once(run, tmp_path, capsys):
