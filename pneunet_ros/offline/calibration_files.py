@@ -17,7 +17,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
     PiecewiseParameters,
 )
 from pneunet_ros.calibration.parameters import PosteriorState
-from pneunet_ros.core.errors import ModelError, PneunetError
+from pneunet_ros.core.errors import ModelError, PneunetError, RequestError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
@@ -71,6 +71,19 @@ def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str
         for role, paths in roles
         for path in paths
     ]
+
+
+def check_distinct(inputs: list[dict[str, str]]) -> None:
+    """Reject a recording that is given twice, because it could not test the model."""
+    seen: dict[str, dict[str, str]] = {}
+    for item in inputs:
+        other = seen.setdefault(item['sha256'], item)
+        if other is not item:
+            raise RequestError(
+                f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
+                'same recording: give it only once',
+                reason='given_twice',
+            )
 
 
 def described_arm(

@@ -156,6 +156,16 @@ def test_the_readings_of_an_arm_are_judged_unless_declined(monkeypatch, tmp_path
     assert given['calibrate'] == judging(declared) == given['investigate'].calibration
 
 
+def test_an_arm_is_not_tested_with_what_it_was_fitted_to(run, tmp_path):
+    write_arm(tmp_path / 'fleet/one', 1.0, 0.0, 1)
+    (tmp_path / 'fleet/one/heldout.mcap').write_bytes(
+        (tmp_path / 'fleet/one/unloaded.mcap').read_bytes()
+    )
+    code, content, _, _ = run('--json')
+    assert code == 1
+    assert 'are the same recording' in content['arms'][0]['failed']
+
+
 def test_where_the_work_goes_is_asked_once(run, tmp_path, capsys):
     write_arm(tmp_path / 'fleet/one', 1.0, 0.0, 1)
     with pytest.raises(SystemExit):

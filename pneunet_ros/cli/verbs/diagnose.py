@@ -96,7 +96,7 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
     from pneunet_ros.diagnosis.usable_frames import with_tips
     from pneunet_ros.discovery.discovery import discover
-    from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
+    from pneunet_ros.offline.calibration_files import check_distinct, check_recordings, inputs_of
     from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
     from pneunet_ros.reports.diagnosis.report import Given
 
@@ -191,16 +191,3 @@ def executor_for(
         return nullcontext()
     prepare = None if effects_path is None else partial(add_effects, resolved(effects_path))
     return open_executor(scheduler=scheduler, prepare=prepare)
-
-
-def check_distinct(inputs: list[dict[str, str]]) -> None:
-    """Reject a recording that is given twice, because it could not test the model."""
-    seen: dict[str, dict[str, str]] = {}
-    for item in inputs:
-        other = seen.setdefault(item['sha256'], item)
-        if other is not item:
-            raise RequestError(
-                f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
-                'same recording: give it only once',
-                reason='given_twice',
-            )

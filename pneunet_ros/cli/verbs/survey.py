@@ -138,7 +138,7 @@ class Survey:
     ) -> dict[str, dict[str, Any]]:
         """Return the row of every arm by name, whether finished before or now."""
         from pneunet_ros.cli.survey_arm import SurveyWork
-        from pneunet_ros.offline.calibration_files import file_hash
+        from pneunet_ros.offline.calibration_files import check_distinct, file_hash
 
         decided = asdict(self.request) | {'versions': versions()}
         if self.request.effects_path:
@@ -149,6 +149,7 @@ class Survey:
         for arm in self.bar.track(fleet, description='reading the arms'):
             try:
                 key, inputs = arm_key(arm, decided)
+                check_distinct(inputs)
             except PneunetError as error:
                 rows[arm.name] = row_of(arm, {}, failed=sentence_of(error))
                 continue
