@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 import json
 from pathlib import Path
@@ -54,18 +54,23 @@ def truth_file(path: Path) -> Path:
 
 
 def write_lab(
-    recording: LabRecording, path: Path, *, overwrite: bool, on_progress: Callable[[], None]
+    recording: LabRecording,
+    path: Path,
+    *,
+    overwrite: bool,
+    on_progress: Callable[[], None],
+    inputs: Sequence[Path] = (),
 ) -> Path:
     """Write a recording and, in a separate file, its truth; returns the path of the truth.
 
-    Both appear only when both are complete. `on_progress` is called after every message. Raises
-    RecordingError like `write_recording`.
+    Both appear only when both are complete. `on_progress` is called after every message. inputs:
+    files being read, which are never replaced. Raises RecordingError like `write_recording`.
     """
     truth = truth_file(path)
     with (
         written_together(),
-        atomic_output(truth, overwrite=overwrite) as temporary,
-        write_recording(path, overwrite=overwrite) as writer,
+        atomic_output(truth, overwrite=overwrite, inputs=inputs) as temporary,
+        write_recording(path, overwrite=overwrite, inputs=inputs) as writer,
     ):
         np.savez_compressed(temporary, allow_pickle=False, **truth_arrays(recording))
         topics = {

@@ -325,3 +325,14 @@ def test_after_a_kill_nothing_stands_under_the_name(output, checkout, foreign_en
     assert process.wait(300) == -signal.SIGKILL
     assert not output.exists()
     assert all(name.startswith('.') for name in os.listdir(output.parent))
+
+
+@pytest.mark.parametrize('verb', ['urdf', 'mjcf'])
+def test_a_model_is_no_output_even_with_overwrite(tmp_path, capsys, verb):
+    model = tmp_path / 'arm.yaml'
+    model.write_bytes(share_path('config/paper_arm.yaml').read_bytes())
+    written = model.read_bytes()
+    arguments = [verb, '--model', str(model), '--output', str(model), '--overwrite', '--json']
+    assert main(arguments) == 2
+    assert json.loads(capsys.readouterr().out)['reason'] == 'overwrites_input'
+    assert model.read_bytes() == written

@@ -41,6 +41,16 @@ def test_a_shipped_scenario_by_its_name(run):
     assert read_run('out.mcap', 23)[0].loaded
 
 
+def test_what_is_continued_is_never_replaced(run):
+    assert run('strings', '--output', 'day.mcap')[0] == 0
+    told = Path('day.mcap').read_bytes(), Path('day.truth.npz').read_bytes()
+    for output in ('day.mcap', 'day'):  # both have the truth day.truth.npz
+        words = ('random_mix', '--after', 'day.mcap', '--output', output, '--overwrite', '--json')
+        code, out, _ = run(*words)
+        assert (code, json.loads(out)['reason']) == (2, 'overwrites_input')
+    assert (Path('day.mcap').read_bytes(), Path('day.truth.npz').read_bytes()) == told
+
+
 def test_help_names_the_shipped_scenarios(run):
     _, out, _ = run('--help')
     assert all(name in out.replace('\n', ' ') for name in shipped_names())

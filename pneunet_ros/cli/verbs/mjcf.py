@@ -58,7 +58,10 @@ def run(arguments: Namespace) -> int:
     chain = hinge_chain(
         arm, damping_time=damping_time, radius=arguments.radius, links=arguments.links
     )
-    with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
+    inputs = [] if arguments.model is None else [arguments.model]
+    with atomic_output(
+        arguments.output, overwrite=arguments.overwrite, inputs=inputs
+    ) as temporary:
         temporary.write_text(mjcf(chain), encoding='utf-8')
     content = {
         'output': arguments.output,

@@ -20,7 +20,7 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.scenario import describe, Scenario
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.recordings.lab_files import memory_after, message_count, write_lab
+from pneunet_ros.recordings.lab_files import memory_after, message_count, truth_file, write_lab
 from rich.console import Console
 
 
@@ -74,7 +74,8 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Simulate and write."""
-    scenario = load_scenario(scenario_file(arguments.scenario))
+    file, after = scenario_file(arguments.scenario), arguments.after
+    scenario = load_scenario(file)
     if arguments.arm_seed is not None:
         scenario = dataclasses.replace(scenario, arm=vary_arm(scenario.arm, arguments.arm_seed))
     if arguments.seed is not None:
@@ -84,7 +85,7 @@ def run(arguments: Namespace) -> int:
         inertia = float(arguments.engine == 'mujoco')
         motion = dataclasses.replace(scenario.effective_motion or LabMotion(), inertia=inertia)
         scenario = dataclasses.replace(scenario, motion=motion)
-    memory = memory_after(arguments.after) if arguments.after is not None else None
+    memory = None if after is None else memory_after(after)
     started = time.perf_counter()
     recording = simulate(scenario, memory)
     seconds = time.perf_counter() - started
@@ -95,6 +96,7 @@ def run(arguments: Namespace) -> int:
             arguments.output,
             overwrite=arguments.overwrite,
             on_progress=lambda: bar.advance(task),
+            inputs=[file] if after is None else [file, after, truth_file(after)],
         )
     summary = summary_of(recording) | {
         'output': arguments.output,

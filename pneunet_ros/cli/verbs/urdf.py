@@ -42,7 +42,10 @@ def run(arguments: Namespace) -> int:
         raise RequestError('--stations must lie between 2 and 2000', reason='out_of_bounds')
     arclength = station_arclength(arm.reach, arguments.stations)
     text = urdf(arm.name, arclength, arguments.frame_id, TIP_FRAME)
-    with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
+    inputs = [] if arguments.model is None else [arguments.model]
+    with atomic_output(
+        arguments.output, overwrite=arguments.overwrite, inputs=inputs
+    ) as temporary:
         temporary.write_text(text, encoding='utf-8')
     links = link_ends(arguments.stations).size - 1
     content = {'output': arguments.output, 'model': arm.name, 'links': links}
