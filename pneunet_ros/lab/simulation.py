@@ -145,6 +145,13 @@ def follow_arm(
         count = min(math.ceil(gap / STEP), MOST_STEPS_BETWEEN) + 1
         between = np.linspace(memory.pressure, float(events.pressure[0]), count)
         _, past = apply_effects(scenario, np.linspace(0.0, gap, count), between, past)
+        new = [name for name, state in past.items() if state and not memory.past.get(name)]
+        if new:
+            raise RequestError(
+                f'the earlier recording has no history of {", ".join(new)}: record it with the '
+                'same effects, or do not continue it',
+                reason='other_arm',
+            )
     time = np.linspace(0.0, events.duration, math.ceil(events.duration / STEP) + 1)
     course, past = apply_effects(scenario, time, events.pressure_at(time), past)
     end = scenario.start + events.duration

@@ -205,3 +205,16 @@ def test_the_effect_inertia_leaves_the_other_number_of_the_motion_and_can_be_und
     alone = scenario(()).with_effects({'inertia': {'tip_mass': 0.004}})
     assert alone.effective_motion == LabMotion(tip_mass=0.004, damping_time=0.0)
     assert alone.with_effects({'inertia': {'tip_mass': 0.0}}).effective_motion is None
+
+
+def test_an_effect_whose_history_was_not_recorded_does_not_start_anew():
+    first = simulate(scenario(()))
+    later = dataclasses.replace(
+        scenario((lab_effect('softening', SIZES['softening']),)), start=first.memory.time
+    )
+    with refused(RequestError, 'other_arm'):
+        simulate(later, first.memory)
+    without_history = dataclasses.replace(
+        scenario((lab_effect('gravity', SIZES['gravity']),)), start=first.memory.time
+    )
+    assert simulate(without_history, first.memory).memory.past == {'gravity': ()}
