@@ -1,4 +1,4 @@
-"""Resolution of symbolic links in paths; only this module handles broken links."""
+"""Resolution of symbolic links in paths, which only this module does, and names beside others."""
 
 from __future__ import annotations
 
@@ -21,3 +21,13 @@ def resolved(path: str | Path, error: type[PneunetError] = RequestError) -> Path
     except (OSError, ValueError) as reason:
         why = getattr(reason, 'strerror', None) or reason
         raise error(f'{path} cannot be found: {why}', reason='not_found') from reason
+
+
+def beside(path: Path, name: str) -> Path:
+    """Return the path of this name in the folder of another; RequestError if that has no name."""
+    if path.name in ('', '..'):
+        raise RequestError(
+            f"'{path}' is a folder without a name: give the name of a file or folder",
+            reason='wrong_name',
+        )
+    return path.with_name(name)

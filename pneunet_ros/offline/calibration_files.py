@@ -18,6 +18,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
 )
 from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError, RequestError
+from pneunet_ros.core.paths import beside
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
@@ -122,7 +123,7 @@ def described_arm(
 
 def knowledge_file(model: Path) -> Path:
     """Return the path of the posterior of a model, e.g. arm.knowledge.npz for arm.yaml."""
-    return model.with_name(f'{model.stem}{KNOWLEDGE_SUFFIX}')
+    return beside(model, f'{model.stem}{KNOWLEDGE_SUFFIX}')
 
 
 def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -> None:

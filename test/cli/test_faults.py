@@ -336,3 +336,17 @@ def test_a_model_is_no_output_even_with_overwrite(tmp_path, capsys, verb):
     assert main(arguments) == 2
     assert json.loads(capsys.readouterr().out)['reason'] == 'overwrites_input'
     assert model.read_bytes() == written
+
+
+@pytest.mark.parametrize('path', ['', '.', '/', '..'])
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['simulate', 'strings', '--output', 'x.mcap', '--after'],
+        ['calibrate', '--unloaded', 'x.mcap', '--arm', str(MODEL), '--output'],
+    ],
+)
+def test_a_path_without_a_name_is_refused(tmp_path, monkeypatch, capsys, path, words):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, path, '--json']) == 2
+    assert json.loads(capsys.readouterr().out)['reason'] == 'wrong_name'
