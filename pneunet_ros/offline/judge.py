@@ -61,20 +61,26 @@ class TargetFit:
     places: Array
 
     def __call__(self, meaning: PressureConvention) -> tuple[float, int]:
-        """Return the mean squared error over the squared length, and the number of levels."""
+        """Return the mean squared error over the squared length, and the number of levels.
+
+        The error of a level without a shape is the length.
+        """
         arm = self.arm
         low, high = arm.pressure_range
         loads = [
             arm.sense(Load(pressure=meaning.gauge(reading), force_x=x, force_y=y, moment=moment))
             for reading, (x, y, moment) in zip(self.reading.tolist(), self.load, strict=True)
         ]
-        shapes = solve_many(
-            arm,
-            np.clip([load.pressure for load in loads], low, high),
-            [(load.force_x, load.force_y) for load in loads],
-            [load.moment for load in loads],
-            start=solve(arm, 0.5 * (low + high)),
-        )
+        pressure = np.clip([load.pressure for load in loads], low, high)
+        force = [(load.force_x, load.force_y) for load in loads]
+        moment = [load.moment for load in loads]
+        own = zip(pressure.tolist(), force, moment, strict=True)
+        near = [(0.5 * (low + high), (0.0, 0.0), 0.0), *own]
+        nearby = (solve(arm, level, pull, turn) for level, pull, turn in near)
+        start = next((shape for shape in nearby if shape.converged), None)
+        if start is None:
+            return 1.0, len(loads)
+        shapes = solve_many(arm, pressure, force, moment, start=start)
         squares = []
         for x, y, seen, solved in zip(
             shapes.x, shapes.y, self.points, shapes.converged, strict=True

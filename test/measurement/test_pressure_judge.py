@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import PressureReading
@@ -20,6 +22,7 @@ from pneunet_ros.measurement.meaning.pressure_judge import (
     judge_pressure,
     record_of,
 )
+from pneunet_ros.offline import judge
 from pneunet_ros.offline.judge import TargetFit
 import pytest
 
@@ -135,6 +138,30 @@ def test_targets_find_a_zero_that_was_never_set():
         assert found.contradicted
         assert found.other.offset == pytest.approx(-offset, abs=1.0)
     assert not verdict(pressure, fit=fit(0.0)).contradicted
+
+
+def test_a_model_without_a_shape_amid_its_range_judges_by_its_other_shapes(monkeypatch):
+    middle = 0.5 * sum(ARM.pressure_range)
+    places, found = ARM.target_arclength, solve(ARM, 2e4)
+    points = [np.interp(places, found.arclength, part) for part in (found.x, found.y)]
+    fit = TargetFit(
+        arm=ARM,
+        reading=np.array([2e4]),
+        load=np.zeros((1, 3)),
+        points=np.array([points]),
+        places=places,
+    )
+    nowhere = replace(found, converged=False, solution=None)
+
+    def solve_but(*failing):
+        return lambda arm, pressure, *load: (
+            nowhere if pressure in failing else solve(arm, pressure, *load)
+        )
+
+    monkeypatch.setattr(judge, 'solve', solve_but(middle))
+    assert fit(PressureConvention()) == pytest.approx((0.0, 1), abs=1e-8)
+    monkeypatch.setattr(judge, 'solve', solve_but(middle, 2e4))
+    assert fit(PressureConvention()) == (1.0, 1)
 
 
 @pytest.mark.parametrize('unit', PRESSURE_UNITS)
