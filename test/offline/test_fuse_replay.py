@@ -171,8 +171,11 @@ def test_of_readings_of_one_stamp_the_frame_comes_before_the_pressure(tmp_path):
     assert all(one.target_age == 0.0 for one in estimates)
 
 
-def test_no_wrench_without_fuse_is_refused(capsys):
-    words = ['replay', str(RECORDING), '--no-wrench', '--json']
+@pytest.mark.parametrize(
+    'options', [['--no-wrench'], ['--fuse', '--views'], ['--fuse', '--no-wrench-required']]
+)
+def test_an_option_of_the_other_replay_is_refused(capsys, options):
+    words = ['replay', str(RECORDING), *options, '--json']
     assert refusal((main(words), *capsys.readouterr())) == 'exclusive'
 
 

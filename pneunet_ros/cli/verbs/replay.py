@@ -61,6 +61,16 @@ def run(arguments: Namespace) -> int:
     if arguments.fuse:  # imported here: a replay without it starts a quarter of a second earlier
         from pneunet_ros.cli.replay_fuse import run_fusion
 
+        if arguments.views:
+            raise RequestError(
+                '--views shows the estimates of a replay without --fuse', reason='exclusive'
+            )
+        if not verb.settings_of(arguments).wrench_required:
+            raise RequestError(
+                '--no-wrench-required is for a replay without --fuse; with --fuse, a recording '
+                'needs no end wrench, and --no-wrench ignores it',
+                reason='exclusive',
+            )
         return run_fusion(arguments)
     if arguments.no_wrench:
         raise RequestError(
