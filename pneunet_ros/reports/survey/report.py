@@ -73,9 +73,9 @@ def effects_sentence(data: SurveyData) -> str:
 
 
 def rare_sentences(data: SurveyData) -> list[str]:
-    """Name the arms with an effect that most arms do not have."""
+    """Say in which arms an effect was named that was not in most arms."""
     return [
-        f'{name} is in {", ".join(arms)} only; {data.could_show(name)} of the other '
+        f'{name} is named in {", ".join(arms)} only; {data.could_show(name)} of the other '
         f'{len(data.done) - len(arms)} could have shown it.'
         for name, arms in data.rare_effects().items()
     ]

@@ -80,28 +80,32 @@ class SurveyData:
         """Names of the odd arms."""
         return frozenset(self.fleet.names[place] for place in self.fleet.odd)
 
+    @property
+    def named(self) -> tuple[SurveyedArm, ...]:
+        """The arms with an effect that was named: distinguished from all others."""
+        return tuple(item for item in self.done if item.answer == 'named')
+
     def effect_counts(self) -> dict[str, int]:
         """Return the number of arms in which each effect was named, most frequent first."""
-        named = [item for item in self.done if item.answer == 'named']
-        return dict(Counter(name for item in named for name in item.effects).most_common())
+        return dict(Counter(name for item in self.named for name in item.effects).most_common())
 
     def answer_counts(self) -> dict[str, int]:
         """Return the number of arms per answer."""
         return dict(Counter(item.answer for item in self.done).most_common())
 
     def rare_effects(self) -> dict[str, list[str]]:
-        """Return the effects that fewer than half of the arms have, with these arms."""
+        """Return the effects that were named in fewer than half of the arms, with these arms."""
         counts = self.effect_counts()
         return {
-            name: [item.name for item in self.done if name in item.effects]
+            name: [item.name for item in self.named if name in item.effects]
             for name, count in counts.items()
             if 2 * count < len(self.done)
         }
 
     def could_show(self, effect: str) -> int:
-        """Return the number of arms without an effect in which it would have been detected."""
+        """Return the number of arms in which an effect would have been detected, and was not."""
         return sum(
             bool(item.found['detectable'].get(effect, {}).get('observable'))
             for item in self.done
-            if effect not in item.effects
+            if effect not in (*item.effects, *item.alternatives)
         )
