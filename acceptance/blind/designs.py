@@ -18,10 +18,12 @@ from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.protocols import (
     DeadWeights,
     ForceSweeps,
+    FromRest,
     Protocol,
     RandomMix,
     SlowRamp,
     Staircase,
+    Stepped,
     Strings,
 )
 from pneunet_ros.lab.sensors import LabNoise, Rates
@@ -50,7 +52,7 @@ class Design:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RandomSteps(Protocol):
+class RandomSteps(Stepped):
     """Steps to random pressures and forces, each with a hold of random length; `ramp` is short."""
 
     kind: ClassVar[str] = 'random_steps'
@@ -75,7 +77,7 @@ class RandomSteps(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FilteredNoise(Protocol):
+class FilteredNoise(FromRest):
     """Pressure and force that never rest: noise behind a second-order low-pass."""
 
     kind: ClassVar[str] = 'filtered_noise'

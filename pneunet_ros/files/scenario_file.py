@@ -15,7 +15,7 @@ from pneunet_ros.lab.lab_effect import LabEffect
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol, PROTOCOLS, SlowRamp
-from pneunet_ros.lab.scenario import Detail, Scenario
+from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
 from pneunet_ros.lab.sensors import LabNoise, Rates
 
 SCHEMA_VERSION = 1
@@ -88,6 +88,7 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
         start=FILE.number(or_default(top.get('start'), 0.0), 'start'),
         arm=vary_arm(arm, whole_number(or_default(top.get('arm_seed'), 0), 'arm_seed')),
         effects=effects_from_mapping(or_default(top.get('effects'), {}), richness),
+        richness=richness,
         protocol=protocol_from_mapping(top['protocol']),
         noise=LabNoise(**FILE.numbers_of(LabNoise, or_default(top.get('noise'), {}), 'noise')),
         rates=Rates(**FILE.numbers_of(Rates, or_default(top.get('rates'), {}), 'rates')),
@@ -131,7 +132,7 @@ def effects_from_mapping(content: Any, richness: float) -> tuple[LabEffect, ...]
     for name, parameters in effects.items():
         kind = ALL_EFFECTS[name]
         numbers = FILE.numbers_of(kind, or_default(parameters, {}), f'effects.{name}')
-        built.append(kind(**({'richness': richness} | numbers)))
+        built.append(lab_effect(name, numbers, richness))
     return tuple(built)
 
 

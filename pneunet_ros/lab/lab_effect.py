@@ -48,7 +48,6 @@ class LabEffect(abc.ABC):
     """Base class of lab effects; an effect overrides the methods where it acts."""
 
     name: ClassVar[str]
-    richness: float = field(default=0.0, metadata=RICHNESS.metadata)
 
     def __post_init__(self) -> None:
         """Reject parameters outside their bounds."""
@@ -88,6 +87,13 @@ class LabEffect(abc.ABC):
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Return points (frames, n, 2) m as seen by a camera; share (frames,) 0 to 1 of time."""
         return points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RichEffect(LabEffect):
+    """An effect of the model, with a law that may depart from that of the model."""
+
+    richness: float = field(default=0.0, metadata=RICHNESS.metadata)
 
 
 def relative_pressure(arm: LabArm, pressure: Array) -> Array:

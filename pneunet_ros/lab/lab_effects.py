@@ -22,7 +22,7 @@ from pneunet_ros.lab.history_kernels import (
     relax_curvature,
 )
 from pneunet_ros.lab.lab_arm import LabArm
-from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, relative_pressure
+from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, relative_pressure, RichEffect
 
 RECOVERY_TIME = 120.0  # s, time constant of the recovering part of a rich Mullins effect
 RECOVERING = 0.05  # the recovering part; invented, real rubber recovers less at room temperature
@@ -33,7 +33,7 @@ CLAMP_YIELD = 0.1  # rad, at which a rich clamp has twice its stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabPressureGain(LabEffect):
+class LabPressureGain(RichEffect):
     """True pressure = gain x reading; rich: the gain error grows with pressure."""
 
     name: ClassVar[str] = 'pressure_gain'
@@ -46,7 +46,7 @@ class LabPressureGain(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabPressureOffset(LabEffect):
+class LabPressureOffset(RichEffect):
     """True pressure = reading + offset, after any gain; rich: it grows with pressure."""
 
     name: ClassVar[str] = 'pressure_offset'
@@ -59,7 +59,7 @@ class LabPressureOffset(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabForceMisalignment(LabEffect):
+class LabForceMisalignment(RichEffect):
     """True force = R(angle) reading; rich: a stronger pull aligns the sensor."""
 
     name: ClassVar[str] = 'force_misalignment'
@@ -73,7 +73,7 @@ class LabForceMisalignment(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabCameraScale(LabEffect):
+class LabCameraScale(RichEffect):
     """Measured = factor x true, about the base; rich: the plane is also tilted."""
 
     name: ClassVar[str] = 'camera_scale'
@@ -86,7 +86,7 @@ class LabCameraScale(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabCameraRotation(LabEffect):
+class LabCameraRotation(RichEffect):
     """Measured = R(angle) true, about the base; rich: the camera keeps rotating."""
 
     name: ClassVar[str] = 'camera_rotation'
@@ -99,7 +99,7 @@ class LabCameraRotation(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabCameraDelay(LabEffect):
+class LabCameraDelay(RichEffect):
     """A frame is stamped late; rich: the camera clock runs fast."""
 
     name: ClassVar[str] = 'camera_delay'
@@ -118,7 +118,7 @@ def turn(vectors: Array, angle: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabPressureLag(LabEffect):
+class LabPressureLag(RichEffect):
     """First-order line; rich: it empties more slowly than it fills."""
 
     name: ClassVar[str] = 'pressure_lag'
@@ -134,7 +134,7 @@ class LabPressureLag(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabHysteresis(LabEffect):
+class LabHysteresis(RichEffect):
     """Dead band of full width on the chamber pressure; rich: three, with mean width `width`."""
 
     name: ClassVar[str] = 'hysteresis'
@@ -150,7 +150,7 @@ class LabHysteresis(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabCreep(LabEffect):
+class LabCreep(RichEffect):
     """A share 1 - amplitude of kappa0 follows at once, the rest later; rich: in two stages."""
 
     name: ClassVar[str] = 'creep'
@@ -174,7 +174,7 @@ class LabCreep(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabSoftening(LabEffect):
+class LabSoftening(RichEffect):
     """Mullins effect: softer below the largest past pressure; rich: partly recovers in minutes."""
 
     name: ClassVar[str] = 'softening'
@@ -200,7 +200,7 @@ class LabSoftening(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabStiffening(LabEffect):
+class LabStiffening(RichEffect):
     """M = B d (1 + c d^2); rich: with a term in d^5."""
 
     name: ClassVar[str] = 'stiffening'
@@ -213,7 +213,7 @@ class LabStiffening(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabExtensibility(LabEffect):
+class LabExtensibility(RichEffect):
     """Strain = tension / EA; rich: neo-Hookean rubber, softer when stretched."""
 
     name: ClassVar[str] = 'extensibility'
@@ -229,7 +229,7 @@ class LabExtensibility(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabPressureElongation(LabEffect):
+class LabPressureElongation(RichEffect):
     """Strain of the unloaded arm, linear and quadratic in p; rich: larger near the clamp."""
 
     name: ClassVar[str] = 'pressure_elongation'
@@ -244,7 +244,7 @@ class LabPressureElongation(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabGravity(LabEffect):
+class LabGravity(RichEffect):
     """Mean weight per length; rich: heavier near the clamp."""
 
     name: ClassVar[str] = 'gravity'
@@ -263,7 +263,7 @@ class LabGravity(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabClampCompliance(LabEffect):
+class LabClampCompliance(RichEffect):
     """The clamp rotates under its moment; rich: it stiffens."""
 
     name: ClassVar[str] = 'clamp_compliance'
@@ -276,7 +276,7 @@ class LabClampCompliance(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabLoadOffset(LabEffect):
+class LabLoadOffset(RichEffect):
     """The end force acts at a lateral offset from the free end; rich: also beyond it."""
 
     name: ClassVar[str] = 'load_offset'
@@ -289,7 +289,7 @@ class LabLoadOffset(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabContact(LabEffect):
+class LabContact(RichEffect):
     """A constant push at a place, along the normal there; rich: it grows with the pressure."""
 
     name: ClassVar[str] = 'contact'
@@ -305,7 +305,7 @@ class LabContact(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabCameraTilt(LabEffect):
+class LabCameraTilt(RichEffect):
     """A camera tilted against the plane, by similar triangles about the base; rich: more tilt."""
 
     name: ClassVar[str] = 'camera_tilt'
@@ -320,7 +320,7 @@ class LabCameraTilt(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LabLensDistortion(LabEffect):
+class LabLensDistortion(RichEffect):
     """Radial lens distortion about the image center; rich: with a fourth-power term."""
 
     name: ClassVar[str] = 'lens_distortion'

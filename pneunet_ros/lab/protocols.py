@@ -40,8 +40,6 @@ class Protocol(abc.ABC):
 
     kind: ClassVar[str]
     duration: float = seconds(40.0, 'duration of the protocol')
-    rest: float = seconds(1.6, 'initial rest, at pressure 0 without a load')
-    ramp: float = seconds(0.6, 'ramp from one hold to the next')
 
     def __post_init__(self) -> None:
         """Check times, pressures and forces."""
@@ -58,6 +56,20 @@ class Protocol(abc.ABC):
     def timeline(self) -> Timeline:
         """Return the course of pressure and load; RequestError if it exceeds `duration`."""
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FromRest(Protocol):
+    """A protocol that begins at rest."""
+
+    rest: float = seconds(1.6, 'initial rest, at pressure 0 without a load')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stepped(FromRest):
+    """A protocol of ramps between holds."""
+
+    ramp: float = seconds(0.6, 'ramp from one hold to the next')
+
     def holds(self, count: int, ramps: int) -> float:
         """Return the duration (s) of each of this many holds, besides ramps and rest."""
         remaining = self.duration - self.rest - ramps * self.ramp
@@ -65,7 +77,7 @@ class Protocol(abc.ABC):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SlowRamp(Protocol):
+class SlowRamp(FromRest):
     """Unloaded: a slow rise, a short hold, a slow fall, and a rest."""
 
     kind: ClassVar[str] = 'slow_ramp'
@@ -87,7 +99,7 @@ class SlowRamp(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Staircase(Protocol):
+class Staircase(Stepped):
     """Unloaded: up and down in steps, with a hold on each."""
 
     kind: ClassVar[str] = 'staircase'
@@ -104,7 +116,7 @@ class Staircase(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DeadWeights(Protocol):
+class DeadWeights(Stepped):
     """Weights are attached one after the other; with each, the pressures are stepped through.
 
     The string pulls at `angle` from E1. Every second weight uses the pressures in reverse order.
@@ -130,7 +142,7 @@ class DeadWeights(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForceSweeps(Protocol):
+class ForceSweeps(Stepped):
     """At each pressure and for each direction, the pull slowly grows and falls again."""
 
     kind: ClassVar[str] = 'force_sweeps'
@@ -164,6 +176,7 @@ class Strings(Protocol):
     """
 
     kind: ClassVar[str] = 'strings'
+    ramp: float = seconds(0.6, 'ramp from one hold to the next')
     pressures: Row = (0.0, 31e3)  # Pa
     pull_a: Row = (0.25, 0.175)  # of the one string at each pressure, N
     pull_b: Row = (0.0, 0.07)  # of the other string at each pressure, N
@@ -199,7 +212,7 @@ class Strings(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RandomMix(Protocol):
+class RandomMix(Stepped):
     """Ramps of random length to random pressures and forces, with holds after about half of them.
 
     If both largest forces are 0, the arm is unloaded. `seed` affects only the protocol.
@@ -211,6 +224,20 @@ class RandomMix(Protocol):
     top: float = pascals(60e3, 'largest pressure')
     force_x: Row = (0.1, 0.28)  # smallest and largest, N
     force_y: Row = (0.0, 0.22)  # smallest and largest, N
+
+    def __post_init__(self) -> None:
+        """Check the limits and the seed."""
+        Stepped.__post_init__(self)
+        if not float(self.seed).is_integer():
+            raise RequestError(
+                f'protocol.seed = {self.seed} is not a whole number', reason='not_a_number'
+            )
+        for name in ('force_x', 'force_y'):
+            if len(getattr(self, name)) != 2:
+                raise RequestError(
+                    f'protocol.{name} must be two numbers, the smallest and the largest',
+                    reason='wrong_shape',
+                )
 
     def timeline(self) -> Timeline:
         """Return the course."""

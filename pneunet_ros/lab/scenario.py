@@ -12,7 +12,7 @@ import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.lab_arm import LabArm
-from pneunet_ros.lab.lab_effect import LabEffect
+from pneunet_ros.lab.lab_effect import LabEffect, RichEffect, RICHNESS
 from pneunet_ros.lab.lab_effects import LabInertia
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
@@ -47,8 +47,9 @@ class Scenario:
     """Complete definition of a recording of the virtual lab, which is reproducible.
 
     `seed` determines the noise of this recording; the arm has its own seed for its parameters and
-    painted targets. `start` (s): beginning of the recording in lab time. With `motion` the arm has
-    mass and is simulated by MuJoCo; without it the arm is always in equilibrium.
+    painted targets. `richness` is that of effects that are added later. `start` (s): beginning of
+    the recording in lab time. With `motion` the arm has mass and is simulated by MuJoCo; without
+    it the arm is always in equilibrium.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Scenario:
     )
     arm: LabArm
     effects: tuple[LabEffect, ...] = ()
+    richness: float = field(default=0.0, metadata=RICHNESS.metadata)
     protocol: Protocol
     noise: LabNoise = field(default_factory=LabNoise)
     rates: Rates = field(default_factory=Rates)
@@ -95,12 +97,15 @@ class Scenario:
         for name, parameters in changes.items():
             known = effects.get(name)
             given = dataclasses.asdict(known) if known is not None else {}
-            effects[name] = lab_effect(name, given | dict(parameters))
+            effects[name] = lab_effect(name, given | dict(parameters), self.richness)
         return dataclasses.replace(self, effects=tuple(effects.values()))
 
 
-def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
-    """Return an effect by its name; RequestError lists the known names and parameters."""
+def lab_effect(name: str, parameters: Mapping[str, float], richness: float = 0.0) -> LabEffect:
+    """Return an effect by its name; RequestError lists the known names and parameters.
+
+    richness: the one of a rich effect whose parameters give none.
+    """
     if name not in ALL_EFFECTS:
         raise RequestError(
             f'unknown effect {name}; known effects: {", ".join(ALL_EFFECTS)}', reason='unknown_key'
@@ -113,7 +118,8 @@ def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
                 f'effects.{name} has no parameter {parameter}; it has {", ".join(known)}',
                 reason='unknown_key',
             )
-    return kind(**parameters)
+    rich = {'richness': richness} if issubclass(kind, RichEffect) else {}
+    return kind(**(rich | dict(parameters)))
 
 
 def describe(scenario: Scenario) -> dict[str, Any]:

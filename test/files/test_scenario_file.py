@@ -52,6 +52,9 @@ def test_all_keys_are_read(load):
     creep, gravity = scenario.effects  # in the order of the table
     assert (creep.name, creep.amplitude, creep.richness) == ('creep', 0.1, 0.0)
     assert (gravity.name, gravity.weight_y, gravity.richness) == ('gravity', -1.5, 0.5)
+    more = scenario.with_effects({'softening': {'loss': 0.1}, 'gravity': {'weight_x': 1.0}})
+    assert [effect.richness for effect in more.effects] == [0.0, 0.5, 0.5]
+    assert more.with_effects({'push': {'force': 0.1}}).effects[-1].force == 0.1
     assert scenario.protocol == Strings(
         pressures=(0.0, 1e3), pull_a=(0.2, 0.1), pull_b=(0.0, 0.1), angle_b=1.2, duration=12.0
     )
@@ -105,6 +108,13 @@ def test_a_change_of_another_form_is_refused(text):
         (HEAD + 'protocol: {kind: jump}\n', 'unknown_kind'),
         (HEAD + 'protocol: {kind: slow_ramp, hight: 1}\n', 'unknown_key'),
         (HEAD + 'protocol: {kind: staircase, pressures: [a]}\n', 'not_a_table'),
+        (HEAD + 'protocol: {kind: slow_ramp, ramp: 1}\n', 'unknown_key'),
+        (HEAD + 'protocol: {kind: strings, rest: 1}\n', 'unknown_key'),
+        (HEAD + 'protocol: {kind: corners, rest: 1}\n', 'unknown_key'),
+        (HEAD + 'protocol: {kind: random_mix, seed: 1.5}\n', 'not_a_number'),
+        (HEAD + 'protocol: {kind: random_mix, force_x: [0.1, 0.2, 0.3]}\n', 'wrong_shape'),
+        (HEAD + PROTOCOL + 'effects: {push: {richness: 1}}\n', 'unknown_key'),
+        (HEAD + PROTOCOL + 'effects: {inertia: {richness: 1}}\n', 'unknown_key'),
         (HEAD.replace('1', '2', 1) + PROTOCOL, 'unknown_version'),
         (HEAD.replace('lab_arm', 'no_arm') + PROTOCOL, 'not_found'),
         (HEAD.replace('mine', '""') + PROTOCOL, 'not_a_text'),
