@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
+import math
 from pathlib import Path
 import sys
 from typing import Any, NamedTuple
@@ -138,7 +139,9 @@ def answers(
         if arguments.targets:
             raise RequestError('give --targets or --places, not both', reason='exclusive')
         given = [size_of('--places', text, 'length') for text in arguments.places]
-        return sizes, np.array(given)
+        places = np.array(given)
+        check_gaps('--places', places, sizes['dot'])
+        return sizes, places
     text = arguments.targets
     if text is None and ask is not None:
         text = ask('number of dots [12]: ').strip() or '12'
@@ -148,14 +151,19 @@ def answers(
             reason='out_of_bounds',
         )
     places = even_places(sizes['length'], int(text), sizes['dot'], STEP)
-    if not places[1] > 1.5 * sizes['dot']:
+    check_gaps(f'--targets {text}', places, sizes['dot'])
+    return sizes, places
+
+
+def check_gaps(option: str, places: Array, dot: float) -> None:
+    """Reject dots of a diameter (m) that are too close; the arm itself rejects a wrong order."""
+    gap = float(np.diff(places).min(initial=math.inf))
+    if 0.0 <= gap <= 1.5 * dot:
         raise RequestError(
-            f'--targets {text}: dots of {millimeters(sizes["dot"]):g} mm would be '
-            f'{millimeters(places[1]):g} mm apart, center to center, which leaves less than half '
-            'a diameter between them',
+            f'{option}: dots of {millimeters(dot):g} mm would be {millimeters(gap):g} mm apart, '
+            'center to center, which leaves less than half a diameter between them',
             reason='out_of_bounds',
         )
-    return sizes, places
 
 
 def positive(option: str, text: str, kind: str) -> float:
