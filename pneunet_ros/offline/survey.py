@@ -212,8 +212,8 @@ def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
     """Return the recordings in a cell: names separated by blanks, quoted if needed."""
     found: list[Path] = []
     for word in shlex.split(cell):
-        matches = sorted(glob.glob(str(folder / word)))
-        found += [Path(match) for match in matches] or [folder / word]
+        matches = sorted(glob.glob(word, root_dir=folder))
+        found += [folder / match for match in matches or [word]]
     return tuple(found)
 
 

@@ -84,6 +84,13 @@ def test_a_table_with_a_row_per_arm(tmp_path):
         arm_key(a, {})
 
 
+def test_patterns_of_a_table_do_not_touch_the_name_of_its_folder(tmp_path):
+    folder = tmp_path / 'arms [2]'
+    touch(folder / 'a1.mcap')
+    (arm,) = read_fleet(touch(folder / 'arms.csv', 'name,unloaded\na,a*.mcap\n'), DEFAULT)
+    assert named(arm.roles['unloaded'], folder) == ['a1.mcap']
+
+
 def test_a_table_of_arms_as_a_spreadsheet_writes_it(tmp_path):
     text = '\ufeff# arms of March\n\nName;Unloaded;Loaded\na;u.mcap;l.mcap\n'
     (arm,) = read_fleet(touch(tmp_path / 'arms.csv', text), DEFAULT)
