@@ -87,8 +87,9 @@ def as_shapes(axes: Axes, title: str) -> None:
 
 
 def legend(axes: Axes, **where: Any) -> None:
-    """Draw a legend that covers as little data as possible."""
-    axes.legend(frameon=True, framealpha=0.85, edgecolor='none', fontsize=9, **where)
+    """Draw a legend that covers as little data as possible; none without anything drawn."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=True, framealpha=0.85, edgecolor='none', fontsize=9, **where)
 
 
 def same_height(axes: Sequence[Axes], low: float | None = None) -> None:

@@ -12,6 +12,8 @@ from pneunet_ros import load_model
 from pneunet_ros.cli.verbs.explore import show_round
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.investigation import UnsettledInvestigation
+from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.choice import (
@@ -21,7 +23,7 @@ from pneunet_ros.exploration.choice import (
     separations,
 )
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
-from pneunet_ros.exploration.exploration import explore, is_clear
+from pneunet_ros.exploration.exploration import explore, is_clear, Round
 from pneunet_ros.exploration.rivals import NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
@@ -34,7 +36,7 @@ from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.reports.exploration.report import last_sentence
+from pneunet_ros.reports.exploration.report import gap_picture, last_sentence, round_row
 import pytest
 from rich.console import Console
 from support.example_arms import paper_arm, vacuum_arm, with_effects
@@ -148,6 +150,23 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
     _, begun, _, gone_on = capsys.readouterr().out.splitlines()
     assert 'predicted' not in begun  # nothing was there to predict it
     assert f'{1e3 * second.predicted:.3f} mm' in gone_on
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_round_without_a_diagnosis_is_shown_without_rivals(capsys):
+    diagnosis = UnsettledDiagnosis(sentence='It did not converge.', notes=(), seed=0)
+    only = Round(
+        choice=choice_in_order(1),
+        run=None,
+        investigation=UnsettledInvestigation(diagnosis=diagnosis),
+        rivals={},
+        predicted=None,
+    )
+    show_round([only], Console(width=300))
+    assert capsys.readouterr().out.splitlines()[1] == '   unknown'
+    assert round_row(1, only)['rivals'] == '-'
+    _, chance = gap_picture([only]).figure.axes
+    assert chance.get_legend() is None
 
 
 def test_without_a_choice_the_experiments_come_in_turn():

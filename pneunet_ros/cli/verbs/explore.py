@@ -308,7 +308,8 @@ def show_round(rounds: list[Round], console: Console) -> None:
         parts.append(f'model error {row["before"]} -> {row["after"]} mm rms')
     if rounds[-1].predicted is not None:
         parts.append(f'{row["predicted"]} mm in the new recording, predicted before it was made')
-    parts.append(f'most probable: {row["rivals"]}')
+    if rounds[-1].rivals:
+        parts.append(f'most probable: {row["rivals"]}')
     console.print(f'   {"; ".join(parts)}')
 
 

@@ -72,7 +72,7 @@ def round_row(number: int, item: Round) -> dict[str, str]:
         'before': before,
         'after': after,
         'predicted': '-' if item.predicted is None else f'{millimeters(item.predicted):.3f}',
-        'rivals': ', '.join(f'{name} {value:.2g}' for name, value in rivals),
+        'rivals': ', '.join(f'{name} {value:.2g}' for name, value in rivals) or '-',
     }
 
 
