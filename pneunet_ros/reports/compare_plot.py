@@ -12,6 +12,7 @@ from pneunet_ros.estimation.shape_error import CenterlineErrors, Comparison, Tip
 from pneunet_ros.reports.style import (
     as_shapes,
     draw_dots,
+    figure_text,
     FIRST,
     GREY,
     HEIGHT,
@@ -38,26 +39,31 @@ def draw_comparisons(comparisons: Sequence[Comparison], path: Path, form: str) -
         along.set(title='Error along the arm', xlabel='arclength (mm)', ylabel='distance (mm)')
         over_time.set(title='Error of the tip', xlabel='time (s)', ylabel='distance (mm)')
         if comparison.shape is not None:
-            draw_shapes(shapes, comparison.shape)
+            draw_shapes(shapes, comparison.shape, labels_of(comparison, comparison.shape))
             draw_along(along, comparison.shape)
         if comparison.tip is not None:
             draw_over_time(over_time, comparison.tip)
     figure.savefig(path, dpi=120, format=form, metadata={'Date': None} if form == 'svg' else None)
 
 
-def draw_shapes(axes: Axes, shape: CenterlineErrors) -> None:
+def labels_of(comparison: Comparison, shape: CenterlineErrors) -> tuple[str, str]:
+    """Return the label of each side: its name, or its topic if both are of one recording."""
+    of, to = short(comparison.of.name), short(comparison.to.name)
+    if of != to:
+        return of, to
+    return figure_text(shape.topics[0]), figure_text(shape.topics[1])
+
+
+def draw_shapes(axes: Axes, shape: CenterlineErrors, labels: tuple[str, str]) -> None:
     """Draw both sides of a few frames, from the first to the last."""
     frames = np.unique(np.linspace(0, len(shape.stamp_ns) - 1, SHOWN).round().astype(int))
     for frame in frames.tolist():
         first = frame == frames[0]
         axes.plot(
-            *(MM * shape.of[frame]),
-            color=FIRST,
-            linewidth=1.8,
-            label=shape.topics[0] if first else '',
+            *(MM * shape.of[frame]), color=FIRST, linewidth=1.8, label=labels[0] if first else ''
         )
         x, y = MM * shape.to[frame]
-        draw_dots(axes, x, y, 4.0, color=MEASURED, label=shape.topics[1] if first else '')
+        draw_dots(axes, x, y, 4.0, color=MEASURED, label=labels[1] if first else '')
     legend(axes)
 
 

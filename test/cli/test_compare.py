@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 import re
 
+from matplotlib.figure import Figure
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError
@@ -29,6 +30,7 @@ from pneunet_ros.messages.readings import TARGETS, targets_message, TIP_POSE, ti
 from pneunet_ros.offline.compare import comparison_content
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.reports.compare_plot import draw_shapes, labels_of
 import pytest
 from support.refusals import reasons, refusal, refused
 
@@ -70,6 +72,19 @@ def test_a_shift_is_found_to_rounding_at_the_tip_and_along_the_arm():
     assert content['tip']['mean'] == pytest.approx([3e-4, -4e-4])
     assert content['tip']['percent_of_length']['rms'] == pytest.approx(100.0 * 5e-4 / LENGTH)
     assert content['shape']['points'] == FRAMES * S.size
+
+
+@pytest.mark.parametrize(
+    ('names', 'labels'),
+    [(('day/a.mcap', 'b.mcap'), ['a', 'b']), (('a.mcap', 'a.mcap'), ['/shape', '/fused/shape'])],
+)
+def test_a_plot_tells_the_sides_apart(names, labels):
+    of, to = (series(name=name) for name in names)
+    to = replace(to, centerlines=replace(to.centerlines, topic='/fused/shape'))
+    found = compare_shapes(of, to)
+    axes = Figure().add_subplot()
+    draw_shapes(axes, found.shape, labels_of(found, found.shape))
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == labels
 
 
 def test_other_stations_are_interpolated_and_not_compared_by_their_number():
