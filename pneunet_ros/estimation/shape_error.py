@@ -201,7 +201,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
         shape = compare_centerlines(of.centerlines, to.centerlines)
     if of.tips is not None and to.tips is not None:
         at = length or max(reach, default=math.nan)
-        tip = compare_tips(of.tips, to.tips, at=at, exact=to.exact)
+        tip = compare_tips(of.tips, to.tips, at=at, exact=(of.exact, to.exact))
     elif of.centerlines is not None and to.centerlines is not None:
         tip = compare_last_points(shape)
     else:
@@ -294,8 +294,8 @@ def contents(series: ShapeSeries) -> str:
     return ' and '.join(known) or 'nothing'
 
 
-def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | None:
-    """Compare the free ends; at: arclength (m); exact: whether the second side is the truth."""
+def compare_tips(of: Tips, to: Tips, *, at: float, exact: tuple[bool, bool]) -> TipErrors | None:
+    """Compare the free ends; at: arclength (m); exact: whether each side is the truth."""
     mine, other = match_series(of.stamp_ns, to.stamp_ns)
     difference = of.place[mine] - to.place[other]
     kept = np.isfinite(difference).all(axis=1)
@@ -304,8 +304,10 @@ def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | N
         return None
     heading_difference = of.heading[mine] - to.heading[other]
     inside = math.nan
-    if exact and of.covariance is not None:
+    if exact[1] and of.covariance is not None:
         inside = share_inside(difference, of.covariance[mine])
+    elif exact[0] and to.covariance is not None:
+        inside = share_inside(difference, to.covariance[other])
     stamp_offset = stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])
     return TipErrors(
         topics=(of.topic, to.topic),

@@ -140,6 +140,14 @@ def test_the_ellipse_holds_as_many_as_it_says():
     assert share_inside(difference, covariance / 4.0) < 0.6
 
 
+def test_the_share_in_the_ellipse_is_the_same_from_both_sides():
+    truth, found = series(exact=True), series(shift=(1e-4, 0.0))
+    covariance = np.tile(np.diag([1e-8, 1e-8]), (FRAMES, 1, 1))
+    found = replace(found, tips=replace(found.tips, covariance=covariance))
+    for of, to in ((found, truth), (truth, found)):
+        assert compare_shapes(of, to).tip.inside_95 == 1.0
+
+
 # Which frames belong together.
 
 
