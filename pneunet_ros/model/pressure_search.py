@@ -8,6 +8,7 @@ import math
 import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import check_finite, solve
 from pneunet_ros.model.inverse import solve_tip
@@ -82,6 +83,16 @@ def pressure_for_force(
     return pressure, found
 
 
+def readings(arm: Arm) -> list[float]:
+    """Return readings of the sensor (Pa) over the calibrated range; sensing is affine."""
+    low, high = arm.table_range
+    sensed_low, sensed_high = (arm.sense(Load(pressure=one)).pressure for one in (low, high))
+    gain = (sensed_high - sensed_low) / (high - low)
+    limits = [low + (true - sensed_low) / gain for true in arm.pressure_range]
+    scanned: list[float] = np.linspace(min(limits), max(limits), SCANNED).tolist()
+    return scanned
+
+
 def nearest(
     arm: Arm, solve_at: Callable[[float, Shape | None], Shape], distance: Callable[[Shape], float]
 ) -> tuple[float, Shape]:
@@ -89,7 +100,7 @@ def nearest(
 
     solve_at: the shape at a pressure, started from the previous shape if there is one.
     """
-    low, high = arm.pressure_range
+    grid = readings(arm)
     previous: Shape | None = None
 
     def at(pressure: float) -> Shape:
@@ -102,12 +113,11 @@ def nearest(
         shape = at(pressure)
         return distance(shape) if shape.converged else math.inf
 
-    grid = np.linspace(low, high, SCANNED).tolist()
     distances = [distance_at(pressure) for pressure in grid]
     best = int(np.argmin(distances))
     if not math.isfinite(distances[best]):
         raise RequestError(
-            f'no shape at any pressure within the calibrated range: {at(low).status}',
+            f'no shape at any pressure within the calibrated range: {at(grid[0]).status}',
             reason='no_equilibrium',
         )
     from scipy.optimize import minimize_scalar  # slow to import, and rarely needed
@@ -115,7 +125,10 @@ def nearest(
     sides = grid[max(best - 1, 0)], grid[min(best + 1, SCANNED - 1)]
     at(grid[best])
     refined = minimize_scalar(
-        distance_at, bounds=sides, method='bounded', options={'xatol': EXACT * (high - low)}
+        distance_at,
+        bounds=sides,
+        method='bounded',
+        options={'xatol': EXACT * (grid[-1] - grid[0])},
     )
     pressure = float(refined.x) if refined.fun < distances[best] else grid[best]
     return pressure, at(pressure)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 
-from pneunet_ros import solve
+from pneunet_ros import save_model, solve
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 import pytest
@@ -39,6 +41,24 @@ def test_the_pressure_of_a_force_is_found_where_the_tip_is_held():
     assert math.hypot(*shape.force) == pytest.approx(wanted, rel=1e-3)
     assert shape.tip[:2] == pytest.approx(tip, abs=1e-8)
     assert 0.0 < pressure < 66e3
+
+
+def test_the_limits_are_those_of_the_true_pressure():
+    arm = paper_arm((PressureGain(gain=0.8), PressureOffset(offset=-2e3)))
+    pressure, shape = pressure_for_tip(arm, solve(paper_arm(), 60e3).tip[:2])
+    assert pressure == pytest.approx(77.5e3, abs=1.0)
+    assert shape.pressure == pytest.approx(60e3, abs=1.0) and not shape.extrapolated
+    pressure, _ = pressure_for_tip(arm, solve(paper_arm(), 0.0).tip[:2])
+    assert pressure == pytest.approx(2.5e3, abs=1.0)
+
+
+def test_predict_prints_the_reading(tmp_path, capsys):
+    path = tmp_path / 'model.yaml'
+    save_model(paper_arm((PressureGain(gain=1.1),)), path)
+    assert main(['predict', '--model', str(path), '--pressure', '30kPa', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['pressure'] == 30e3
+    assert main(['predict', '--model', str(path), '--pressure', '30kPa']) == 0
+    assert '30.000' in capsys.readouterr().out
 
 
 def test_a_force_beyond_all_pressures_is_refused():

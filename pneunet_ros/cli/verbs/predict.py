@@ -131,8 +131,8 @@ def run(arguments: Namespace) -> int:
     shown = verb.units_of(arguments, arm, SHOWN_SI)
     verb.present(
         arguments,
-        content(arm, prediction, verb.units_of(arguments, arm)),
-        lambda console: show(arm, prediction, shown, console),
+        content(arm, prediction, arguments.pressure, verb.units_of(arguments, arm)),
+        lambda console: show(arm, prediction, arguments.pressure, shown, console),
     )
     return verb.DONE if prediction.shape.converged else verb.NEGATIVE
 
@@ -236,8 +236,10 @@ def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[flo
     return read
 
 
-def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, Any]:
-    """Return the documented JSON content, in these units."""
+def content(
+    arm: Arm, prediction: Prediction, pressure: float, units: UnitSystem
+) -> dict[str, Any]:
+    """Return the documented JSON content at a reading of the pressure (Pa), in these units."""
     shape, estimate = prediction.shape, prediction.estimate
     length, force, moment = (getattr(units, kind).per_si for kind in ('length', 'force', 'moment'))
     curvature = units.curvature.per_si
@@ -258,7 +260,7 @@ def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, An
         'iterations': shape.iterations,
         'stable': shape.stable,
         'extrapolated': shape.extrapolated,
-        'pressure': shape.pressure,
+        'pressure': pressure,
         'force': [force * value for value in shape.force],
         'force_std': None
         if covariance is None
@@ -286,8 +288,10 @@ def deviations(covariance: Array) -> list[float]:
     return found
 
 
-def show(arm: Arm, prediction: Prediction, units: UnitSystem, console: Console) -> None:
-    """Print the answer for people."""
+def show(
+    arm: Arm, prediction: Prediction, pressure: float, units: UnitSystem, console: Console
+) -> None:
+    """Print the answer at a reading of the pressure (Pa) for people."""
     shape, estimate = prediction.shape, prediction.estimate
     residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
     console.print(f'{shape.status}{residual}')
@@ -309,7 +313,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem, console: Console) 
     std = deviations(estimate.tip_covariance)
     largest = int(np.argmax(np.abs(shape.curvature)))
     at = f'at {length.per_si * shape.arclength[largest]:.3g} {length.name}'
-    add('pressure', shape.pressure, None, Unit(name='kPa', size=PASCALS_PER_KILOPASCAL), 3)
+    add('pressure', pressure, None, Unit(name='kPa', size=PASCALS_PER_KILOPASCAL), 3)
     for index, name in enumerate(('end force F1', 'end force F2')):
         add(name, shape.force[index], force_std[index], force, 5)
     add('end moment', shape.end_moment, None, moment, 4)
@@ -328,7 +332,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem, console: Console) 
     if units.name == DIMENSIONLESS:
         console.print(verb.scales_sentence(arm))
     left_out = error_left_out(arm.covariance, arm.sources)
-    verb.print_notes(console, filter(None, (left_out, likely_pressure(arm, shape.pressure))))
+    verb.print_notes(console, filter(None, (left_out, likely_pressure(arm, pressure))))
 
 
 def likely_pressure(arm: Arm, pressure: float) -> str:
