@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 import math
 
 import numpy as np
@@ -15,7 +15,8 @@ from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.shape import Shape
 
 SCANNED = 33  # pressures over the range: of the branches of the search the best one is refined
-EXACT = 1e-6  # of the range of pressures
+EXACT = 1e-6  # of the range of pressures, and of the largest force
+HALVINGS = 52  # of a step of the scan, as float64 has digits: a force that still differs jumps
 
 
 def pressure_for_tip(
@@ -40,11 +41,8 @@ def pressure_for_tip(
         RequestError: a value is not a finite number, or the arm has no shape under this load.
     """
     check_finite(tip_x=tip[0], tip_y=tip[1])
-
-    def solve_at(pressure: float, start: Shape | None) -> Shape:
-        return solve(arm, pressure, force, moment, start=start)
-
-    return nearest(arm, solve_at, lambda shape: math.dist(shape.tip[:2], tip))
+    at = following(lambda pressure, start: solve(arm, pressure, force, moment, start=start))
+    return nearest(readings(arm), at, lambda shape: math.dist(shape.tip[:2], tip))
 
 
 def pressure_for_force(
@@ -67,20 +65,26 @@ def pressure_for_force(
             that force; the message states the nearest force.
     """
     check_finite(force=force, tip_x=tip[0], tip_y=tip[1])
+    at = following(lambda pressure, start: solve_tip(arm, pressure, tip, moment, start=start))
 
-    def solve_at(pressure: float, start: Shape | None) -> Shape:
-        return solve_tip(arm, pressure, tip, moment, start=start)
+    def missed(pressure: float) -> float:
+        """Return by how much the force is too large (N); zero if it is exact, else NaN."""
+        error = math.hypot(*at(pressure).force) - force
+        return 0.0 if abs(error) <= EXACT * arm.force_scale else error
 
-    pressure, found = nearest(arm, solve_at, lambda shape: abs(math.hypot(*shape.force) - force))
-    reached = math.hypot(*found.force)
-    if abs(reached - force) > max(1e-3 * force, arm.sensors.force_std):
-        raise RequestError(
-            f'no pressure within the calibrated range gives {force:.4g} N at '
-            f'({millimeters(tip[0]):.4g}, {millimeters(tip[1]):.4g}) mm: the nearest is '
-            f'{reached:.4g} N, at {kilopascals(pressure):.4g} kPa',
-            reason='not_reached',
-        )
-    return pressure, found
+    for low, high in sign_changes(missed, readings(arm)):
+        pressure = halve(missed, low, high)
+        if pressure is not None:
+            return pressure, at(pressure)
+    pressure, found = nearest(
+        readings(arm), at, lambda shape: abs(math.hypot(*shape.force) - force)
+    )
+    raise RequestError(
+        f'no pressure within the calibrated range gives {force:.4g} N at '
+        f'({millimeters(tip[0]):.4g}, {millimeters(tip[1]):.4g}) mm: the nearest is '
+        f'{math.hypot(*found.force):.4g} N, at {kilopascals(pressure):.4g} kPa',
+        reason='not_reached',
+    )
 
 
 def readings(arm: Arm) -> list[float]:
@@ -93,14 +97,8 @@ def readings(arm: Arm) -> list[float]:
     return scanned
 
 
-def nearest(
-    arm: Arm, solve_at: Callable[[float, Shape | None], Shape], distance: Callable[[Shape], float]
-) -> tuple[float, Shape]:
-    """Return the shape at the calibrated pressure with the smallest distance.
-
-    solve_at: the shape at a pressure, started from the previous shape if there is one.
-    """
-    grid = readings(arm)
+def following(solve_at: Callable[[float, Shape | None], Shape]) -> Callable[[float], Shape]:
+    """Return the shape by pressure, each started from the previous one if there was one."""
     previous: Shape | None = None
 
     def at(pressure: float) -> Shape:
@@ -108,6 +106,66 @@ def nearest(
         shape = solve_at(pressure, previous)
         previous = shape if shape.converged else None
         return shape
+
+    return at
+
+
+def sign_changes(
+    value: Callable[[float], float], grid: Sequence[float]
+) -> Iterator[tuple[float, float]]:
+    """Yield intervals in which a continuous function changes its sign, the lowest first.
+
+    Two changes between neighbors of the grid are found by the extremum there.
+    """
+    values: list[float] = []
+    for index, place in enumerate(grid):
+        values.append(value(place))
+        if index and values[-2] * values[-1] <= 0.0:
+            yield grid[index - 1], place
+        elif index > 1 and 0.0 < values[-2] / values[-1] < 1.0 > values[-2] / values[-3] > 0.0:
+            extremum = least(value, grid, index - 1, math.copysign(1.0, values[-2]))
+            if values[-2] * value(extremum) <= 0.0:
+                yield grid[index - 2], extremum
+
+
+def least(
+    value: Callable[[float], float], grid: Sequence[float], index: int, side: float = 1.0
+) -> float:
+    """Return where `side` times a function is least between the neighbors of a grid point."""
+    from scipy.optimize import minimize_scalar  # slow to import, and rarely needed
+
+    found = minimize_scalar(
+        lambda place: np.nan_to_num(side * value(place), nan=math.inf),
+        bounds=(grid[max(index - 1, 0)], grid[min(index + 1, len(grid) - 1)]),
+        method='bounded',
+        options={'xatol': EXACT * (grid[-1] - grid[0])},
+    )
+    return float(found.x)
+
+
+def halve(value: Callable[[float], float], low: float, high: float) -> float | None:
+    """Return where a function is zero between two signs of it; None if it jumps there."""
+    at_low = value(low)
+    if at_low == 0.0:
+        return low
+    if value(high) == 0.0:
+        return high
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        at_middle = value(middle)
+        if at_middle == 0.0:
+            return middle
+        if at_middle * at_low > 0.0:
+            low = middle
+        else:
+            high = middle
+    return None
+
+
+def nearest(
+    grid: Sequence[float], at: Callable[[float], Shape], distance: Callable[[Shape], float]
+) -> tuple[float, Shape]:
+    """Return the shape with the smallest distance, at a pressure within a grid (Pa)."""
 
     def distance_at(pressure: float) -> float:
         shape = at(pressure)
@@ -120,15 +178,6 @@ def nearest(
             f'no shape at any pressure within the calibrated range: {at(grid[0]).status}',
             reason='no_equilibrium',
         )
-    from scipy.optimize import minimize_scalar  # slow to import, and rarely needed
-
-    sides = grid[max(best - 1, 0)], grid[min(best + 1, SCANNED - 1)]
     at(grid[best])
-    refined = minimize_scalar(
-        distance_at,
-        bounds=sides,
-        method='bounded',
-        options={'xatol': EXACT * (grid[-1] - grid[0])},
-    )
-    pressure = float(refined.x) if refined.fun < distances[best] else grid[best]
+    pressure = min(grid[best], least(distance_at, grid, best), key=distance_at)
     return pressure, at(pressure)

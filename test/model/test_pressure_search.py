@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 import math
 
@@ -41,6 +42,17 @@ def test_the_pressure_of_a_force_is_found_where_the_tip_is_held():
     assert math.hypot(*shape.force) == pytest.approx(wanted, rel=1e-3)
     assert shape.tip[:2] == pytest.approx(tip, abs=1e-8)
     assert 0.0 < pressure < 66e3
+
+
+@pytest.mark.parametrize('wanted', [0.001, 0.018])
+def test_of_several_pressures_it_is_the_lowest(wanted):
+    arm = paper_arm()
+    noisy = replace(arm, sensors=replace(arm.sensors, force_std=0.05))
+    mid = 30e3
+    tip = solve(arm, mid).tip[:2]
+    pressure, shape = pressure_for_force(noisy, wanted, tip)
+    assert math.hypot(*shape.force) == pytest.approx(wanted, abs=1e-6)
+    assert 10e3 < pressure < mid  # the other one is above, 0.7 kPa for the smaller force
 
 
 def test_the_limits_are_those_of_the_true_pressure():
