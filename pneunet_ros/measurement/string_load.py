@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -11,7 +12,10 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.string import radius_of, String
 
-CURVE = 3  # last targets whose curve is extrapolated to the tip
+FEWEST = 3  # last targets that must be seen, or the tip itself
+# Of the length: targets so near the soft end determine the tangent there. For targets every 5 mm,
+# where the arm of the paper bends most, curve and noise then make about equal errors of the tip.
+TANGENT = 0.25
 
 
 def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:
@@ -21,8 +25,7 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
     the eye lies on the arm.
     """
     string.check_clearance(run.x, run.y, radius_of(arm))
-    places, points = arm.target_arclength, run.points
-    tips = tips_of(points, places, arm.reach)
+    tips = tips_of(run.points, arm)
     if run.tip_pose is not None:
         measured = np.isfinite(run.tip_pose[:, :2]).all(axis=1)
         tips[measured] = run.tip_pose[measured, :2]
@@ -37,18 +40,27 @@ def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[Recording
     return replace(kept, force=string.pull(tips[known])), len(run.stamp_ns) - known.size
 
 
-def tips_of(points: Array, places: Array, reach: float) -> Array:
+def tips_of(points: Array, arm: Arm) -> Array:
     """Return the tip position (frames, 2) m from points (frames, 2, targets) m; NaN if unknown.
 
-    places (targets,): arclength (m) of the targets; reach: arclength (m) of the tip. If the last
-    target is not at the tip, the curve through the last three is extrapolated.
+    If the last target is not at the tip, a parabola through the last targets is extrapolated to
+    the soft end, and its tangent there to the end of the cap.
     """
-    last = places[-CURVE:] - reach
-    if places.size < CURVE or last[-1] == 0.0:
+    places = arm.target_arclength
+    if places.size and math.isclose(places[-1], arm.reach):
         return np.array(points[:, :, -1])
-    other_nodes = [np.delete(last, k) for k in range(CURVE)]
-    weights = [
-        np.prod(-other) / np.prod(one - other)
-        for one, other in zip(last, other_nodes, strict=True)
-    ]
-    return np.array(points[:, :, -CURVE:] @ np.array(weights))
+    tips = np.full((len(points), 2), np.nan)
+    if places.size < FEWEST:
+        return tips
+    near = np.searchsorted(places, (1.0 - TANGENT) * arm.length)
+    first = min(int(near), places.size - FEWEST)
+    beyond = places[first:] - arm.length
+    curve = np.stack([np.ones(beyond.size), beyond, np.minimum(beyond, 0.0) ** 2], axis=1)
+    tip = np.array([1.0, arm.tip_cap, 0.0])
+    points = points[:, :, first:]
+    seen = np.asarray(np.isfinite(points).all(axis=1))
+    enough = seen[:, -FEWEST:].all(axis=1)
+    for shown in np.unique(seen[enough], axis=0):
+        frames = enough & np.asarray(seen == shown).all(axis=1)
+        tips[frames] = points[frames][:, :, shown] @ (tip @ np.linalg.pinv(curve[shown]))
+    return tips

@@ -137,7 +137,7 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])
     string.check_clearance(points[:, 0], points[:, 1], radius_of(arm))
-    tips = tips_of(points, arm.target_arclength, arm.reach)
+    tips = tips_of(points, arm)
     known = np.isfinite(tips).all(axis=1)
     if not known.any():
         raise RequestError(
