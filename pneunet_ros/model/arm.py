@@ -62,7 +62,9 @@ from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
 SEEN_STEP = 1e-5  # of the reach: of central differences of what effects of the camera do
-UNSEEN_STEPS = 4  # steps of Newton's method, which converges quadratically, and at once if linear
+# The inverse of what effects of the camera do: error left (of the reach, as rounding allows), and
+# most steps of Newton's method, which converges in a few or not at all.
+UNSEEN, UNSEEN_STEPS = 1e-12, 50
 RIGID = 1e9  # times as stiff as the section before is the cap
 # Blocks of the model file whose numbers can be moved.
 MOVABLE = ('intrinsic_curvature', 'moment_law', 'effects', 'sensors', 'gravity', 'motion')
@@ -347,15 +349,25 @@ class Arm:
         return np.asarray(np.stack([by_x, by_y], axis=1) / (2.0 * step))
 
     def true_points(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the true positions (m) of points measured at x, y (m): the inverse of `see`."""
-        true_x, true_y = x, y
-        for _ in range(UNSEEN_STEPS if self.seeing else 0):
-            off_x, off_y = np.subtract((x, y), self.see(true_x, true_y))
-            (xx, xy), (yx, yy) = self.seen_slopes(true_x, true_y)
-            area = xx * yy - xy * yx
-            true_x = true_x + (yy * off_x - xy * off_y) / area
-            true_y = true_y + (xx * off_y - yx * off_x) / area
-        return true_x, true_y
+        """Return the true positions (m) of points measured at x, y (m): the inverse of `see`.
+
+        NaN where none is found.
+        """
+        if not self.seeing:
+            return x, y
+        true_x, true_y, exact = x, y, np.zeros(0, dtype=np.bool_)
+        with np.errstate(all='ignore'):  # of points that diverge
+            for _ in range(UNSEEN_STEPS):
+                off_x, off_y = np.subtract((x, y), self.see(true_x, true_y))
+                size = np.hypot(off_x, off_y)
+                exact = size <= UNSEEN * self.reach
+                if np.all(exact | ~np.isfinite(size)):
+                    break
+                (xx, xy), (yx, yy) = self.seen_slopes(true_x, true_y)
+                area = xx * yy - xy * yx
+                true_x = true_x + (yy * off_x - xy * off_y) / area
+                true_y = true_y + (xx * off_y - yx * off_x) / area
+        return np.where(exact, true_x, np.nan), np.where(exact, true_y, np.nan)
 
     @property
     def frame_delay(self) -> float:

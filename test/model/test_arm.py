@@ -6,10 +6,12 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 from pneunet_ros.core.errors import ModelError
+from pneunet_ros.effects.camera_tilt import CameraTilt
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.effects.lens_distortion import LensDistortion
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_offset import PressureOffset
@@ -86,6 +88,20 @@ def test_effects_stand_in_the_order_of_the_table_however_they_are_given():
         arm = paper_arm(effects)
         assert [effect.name for effect in arm.effects] == ['pressure_gain', 'pressure_offset']
         assert arm.sense(Load(pressure=10e3)).pressure == pytest.approx(1.1 * 10e3 + 500.0)
+
+
+def test_true_points_are_the_inverse_of_seen_ones_or_unknown():
+    x = np.linspace(0.0, LENGTH, 5)
+    y = 0.3 * x
+    for effect in (CameraTilt(tilt_x=-3.0, tilt_y=-1.5), LensDistortion(radial=-60.0)):
+        arm = paper_arm((effect,))
+        assert np.array(arm.true_points(*arm.see(x, y))) == pytest.approx(
+            np.array([x, y]), abs=1e-12
+        )
+    arm = paper_arm((CameraTilt(tilt_x=-0.5),))
+    found, _ = arm.true_points(*arm.see(10.0 * x, y))  # Newton's method diverges for the last
+    assert found[:2] == pytest.approx(10.0 * x[:2], abs=1e-12)
+    assert np.isnan(found[-1])
 
 
 def test_an_effect_stands_once():

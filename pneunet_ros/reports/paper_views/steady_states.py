@@ -70,7 +70,7 @@ def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
 
 
 def arm_points(fitted: FittedRun, arm: Arm) -> Array:
-    """Return the best known positions of the targets, (frames, 2, targets) m."""
+    """Return the best known positions of the targets, (frames, 2, targets) m; NaN: unknown."""
     measured = fitted.run.points - fitted.disturbance
     return np.stack(arm.true_points(measured[:, 0], measured[:, 1]), axis=1)
 
@@ -78,7 +78,7 @@ def arm_points(fitted: FittedRun, arm: Arm) -> Array:
 def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyState:
     """Return frames start to stop - 1 as one; points (frames, 2, targets) m."""
     run, frames = fitted.run, slice(start, stop)
-    seen = run.seen[frames]
+    seen = np.isfinite(points[frames]).all(axis=1)
     count = seen.sum(axis=0).astype(np.float64)
     means = [
         np.where(seen, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
