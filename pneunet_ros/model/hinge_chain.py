@@ -92,6 +92,9 @@ def refuse_unsupported_loads(arm: Arm, rods: Rods) -> None:
         'is pushed at a place': bool(rods.push.any()),
         'is loaded at an offset from its tip': rods.clamp[:, LOAD_OFFSET].any(),
         'changes with its end load': bool(arm.by_load),
+        'stiffens, and has a moment offset': (
+            soft[:, :, CUBIC].any() and soft[:, :, MOMENT_OFFSET].any()
+        ),
         'has a weight or a stiffening that is not uniform along the arm': (
             not np.allclose(everywhere, everywhere[0, 0], rtol=1e-9, atol=0.0)
         ),

@@ -217,6 +217,13 @@ def test_what_it_cannot_carry_is_refused():
     stretching = dataclasses.replace(paper_arm(), effects=(Extensibility(axial_stiffness=20.0),))
     with refused(RequestError, 'not_for_mujoco'):
         hinge_chain(stretching, damping_time=0.03)
+    law = paper_arm().moment_law
+    offset = dataclasses.replace(law, moment_offset=np.full_like(law.moment_offset, -0.06))
+    bent = dataclasses.replace(paper_arm(), moment_law=offset)
+    hinge_chain(bent, damping_time=0.03)
+    stiffening = dataclasses.replace(bent, effects=(Stiffening(coefficient=1e-3),))
+    with refused(RequestError, 'not_for_mujoco'):
+        hinge_chain(stiffening, damping_time=0.03)
     finger = started(paper_arm(), links=8)
     for pressure in (-10e3, 80e3, float('nan')):
         with refused(RequestError, 'out_of_bounds'):
