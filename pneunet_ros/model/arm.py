@@ -460,13 +460,15 @@ class Arm:
     def build_table(self) -> RodTable:
         """Return all pressures with a row of curvature or law, and the rod records there.
 
-        The first and last row are at the limits of extrapolation. Beyond its own table the law is
-        constant, because an extrapolated rigidity may pass through zero, and l1 may leave the arm.
+        The first and last row are at the limits of extrapolation. Beyond its own range the law is
+        constant, because an extrapolated rigidity may pass through zero, and l1 may leave the arm;
+        the limits of that range are rows, too.
         """
         law, (low, high) = self.moment_law, self.table_range
         margin = EXTRAPOLATION * (high - low)
         ends = np.array([low - margin, high + margin])
-        rows = np.union1d(self.intrinsic_curvature.pressure, law.table_pressures)
+        laws = np.append(law.table_pressures, law.pressure_range)
+        rows = np.union1d(self.intrinsic_curvature.pressure, laws)
         rows = np.union1d(rows[(rows > ends[0]) & (rows < ends[1])], ends)
         known = np.clip(rows, *law.pressure_range)
         base = law.sections(known, self.length, self.weight)

@@ -177,6 +177,18 @@ def test_majidi_under_pressure_is_linear_too():
     assert rods.sections[0, 0, RIGIDITY] == pytest.approx(law.rigidity(20e3), rel=1e-12)
 
 
+def test_majidi_in_vacuum_is_linear_until_it_ends():
+    law = MajidiLaw(modulus=1e6, width=0.015, thickness=0.003, height=0.012, t1=0.002, t2=0.008)
+    low, _ = law.pressure_range  # -13 kPa, between the rows of the curvature
+    field = IntrinsicCurvature(
+        pressure=[-20e3, 0.0, 60e3], arclength=[0.0, 1.0], curvature=[[-7, -7], [0, 0], [20, 20]]
+    )
+    arm = rebuilt(paper_arm(), moment_law=law, intrinsic_curvature=field, domain=None)
+    found = arm.rods(np.array([-10e3, 0.99 * low, 1.1 * low])).sections[:, 0, RIGIDITY]
+    wanted = [law.rigidity(one) for one in (-10e3, 0.99 * low, low)]
+    assert found == pytest.approx(wanted, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ('changes', 'reason'),
     [
