@@ -178,6 +178,12 @@ class Arm:
         object.__setattr__(self, 'table', self.build_table())
         if self.covariance is not None:
             self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # they must exist
+            if 'arm.tip_cap' in self.covariance.quantities and not self.tip_cap:
+                raise ModelError(
+                    'covariance: arm.tip_cap is uncertain, but the arm has no cap: state its '
+                    'length, or remove the quantity',
+                    reason='missing',
+                )
             placement = self.covariance.placement
             if placement is not None and placement.mean.size != 2 * targets.size:
                 raise ModelError(

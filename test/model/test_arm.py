@@ -319,6 +319,9 @@ def test_a_covariance_names_quantities_of_the_model():
     rebuilt(paper_arm(), covariance=covariance('arm.length', 'moment_law.rigidity.0.1'))
     with refused(ModelError, 'unknown_quantity'):
         rebuilt(paper_arm(), covariance=covariance('effects.gravity.weight_y'))
+    rebuilt(paper_arm(), covariance=covariance('arm.tip_cap'), tip_cap=0.01)
+    with refused(ModelError, 'missing'):
+        rebuilt(paper_arm(), covariance=covariance('arm.tip_cap'))
 
 
 @pytest.mark.parametrize(
