@@ -15,7 +15,7 @@ from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 import pytest
 from support.example_arms import paper_arm
-from support.refusals import refused
+from support.refusals import refusal, refused
 
 
 @pytest.mark.parametrize('force', [(0.0, 0.0), (0.1, 0.05)])
@@ -89,3 +89,20 @@ def test_the_verb_takes_one_of_the_two(capsys):
         ['--pressure-for', 'force', '1'],
     ):
         assert main(['predict', *wrong]) == 2
+    capsys.readouterr()
+    words = ['predict', '--pressure', '1kPa', '--pressure-for', 'tip', '1', '1', '--json']
+    assert refusal((main(words), *capsys.readouterr())) == 'exclusive'
+
+
+def test_a_force_that_no_pressure_gives_is_a_negative_answer(capsys):
+    words = ['predict', '--pressure', '20kPa', '--json']
+    assert main(words) == 0
+    keys = json.loads(capsys.readouterr().out).keys()
+    words = ['predict', '--pressure-for', 'force', '5', '--tip', '100mm', '40mm']
+    assert main([*words, '--json']) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said.keys() == keys
+    assert (said['converged'], said['pressure'], said['tip']['x']) == (False, None, None)
+    assert 'no pressure within the calibrated range gives 5 N' in said['status']
+    assert main(words) == 1
+    assert capsys.readouterr().out == f'{said["status"]}\n'

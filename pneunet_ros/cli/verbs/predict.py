@@ -28,7 +28,13 @@ from pneunet_ros.measurement.meaning.pressure_convention import GAUGE, PressureC
 from pneunet_ros.measurement.meaning.pressure_judge import expected_of, judge_pressure, record_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load
-from pneunet_ros.model.equilibrium import failed_shape, solve, steady_pressure
+from pneunet_ros.model.equilibrium import (
+    DEFAULT_STATIONS,
+    failed_shape,
+    solve,
+    station_arclength,
+    steady_pressure,
+)
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 from pneunet_ros.model.shape import Shape
@@ -122,7 +128,12 @@ def run(arguments: Namespace) -> int:
             f'--tip-std {arguments.tip_std} must be a length in m, zero or more',
             reason='out_of_bounds',
         )
-    if (arguments.pressure is None) == (arguments.pressure_for is None):
+    if arguments.pressure is not None and arguments.pressure_for is not None:
+        raise RequestError(
+            'give either --pressure or --pressure-for, not both: the latter finds the pressure',
+            reason='exclusive',
+        )
+    if arguments.pressure is None and arguments.pressure_for is None:
         raise RequestError(
             'give --pressure (e.g. 31kPa) or --pressure-for (e.g. tip 95mm 40mm)', reason='missing'
         )
@@ -155,7 +166,20 @@ def solved(arm: Arm, arguments: Namespace) -> Shape:
 
 
 def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
-    """Return the requested pressure as read by a sensor, and the shape."""
+    """Return the requested pressure as read by a sensor, NaN if there is none, and the shape."""
+    try:
+        return searched(arm, arguments)
+    except RequestError as error:
+        if error.reason not in ('no_equilibrium', 'not_reached'):
+            raise
+        x, y = (math.nan, math.nan) if arguments.tip else arguments.force or (0.0, 0.0)
+        load = Load(pressure=math.nan, force_x=x, force_y=y, moment=arguments.moment)
+        stations = station_arclength(arm.reach, DEFAULT_STATIONS)
+        return math.nan, failed_shape(arm, load, stations, str(error), math.nan, 0)
+
+
+def searched(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
+    """Return the pressure and the shape that were found; RequestError if there are none."""
     what, *numbers = arguments.pressure_for
     moment = arguments.moment
     force = tuple(arguments.force or (0.0, 0.0))
