@@ -11,7 +11,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.fusion.grasp import Grasp, Gripper, Mount, SeenArm, Touch
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
-from pneunet_ros.model.pressure_search import SCANNED
+from pneunet_ros.model.pressure_search import readings
 
 AS_HARD = 0.05  # tolerance of a force: forces are known to this accuracy, acceptance/grasp.py
 
@@ -34,7 +34,7 @@ class GripCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reach:
-    """Inward positions (n,) m of the surface of an unloaded arm at pressures (n,) Pa.
+    """Inward positions (n,) m of the surface of an unloaded arm, by readings (n,) of Pa.
 
     They are measured from the origin of the gripper, in the direction of the object.
     """
@@ -50,7 +50,7 @@ class Reach:
 def reach_of(arm: Arm, mount: Mount, inward: Array) -> Reach:
     """Return the reach of an arm over its calibrated pressures; inward: unit vector (3,)."""
     side = mount.axes[:, :2].T @ inward
-    pressures = np.linspace(*arm.pressure_range, SCANNED)
+    pressures = np.array(readings(arm))
     reached, start = [], None
     for pressure in pressures.tolist():
         shape = solve(arm, pressure, start=start)

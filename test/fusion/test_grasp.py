@@ -10,6 +10,7 @@ from pneunet_ros import load_model, solve
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading, TargetSightings
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.fusion.closing import Closing, GripCommand, is_reached, reach_of
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.grasp import Gripper, mount_of, seen_arm
@@ -160,6 +161,16 @@ def test_the_model_knows_the_pressure_of_a_width(closing, fusion):
         pressure = closing.reaches[name].pressure_for(place)
         reached = solve(fusion.arm, pressure=pressure).tip[1]
         assert 2.0 * (APART - reached - THICKNESS) == pytest.approx(0.05, abs=2e-4)
+
+
+def test_the_pressure_of_a_width_is_that_which_the_sensor_reads(closing, fusion):
+    (name, mount), *_ = closing.gripper.mounts.items()
+    effects = (PressureGain(gain=1.25),)
+    arm = replace(fusion.arm, effects=effects, covariance=None)
+    known = closing.reaches[name]
+    read = reach_of(arm, mount, closing.gripper.inward(name))
+    assert read.pressure == pytest.approx(known.pressure / 1.25)
+    assert read.inward == pytest.approx(known.inward, abs=1e-9)
 
 
 def test_free_arms_go_towards_the_width_no_faster_than_the_rate(closing, free):
