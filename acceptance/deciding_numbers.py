@@ -21,7 +21,8 @@ import sys
 
 PACKAGE = Path(__file__).parents[1] / 'pneunet_ros'
 SWEEP = Path(__file__).with_name('sweep.csv')
-MOST, MOST_INVENTED = 363, 125  # of the whole package: to be lowered, never raised
+IDLE = 'nothing', 'not read', 'not a number'  # of a row of the sweep
+MOST, MOST_INVENTED = 328, 74  # of the whole package: to be lowered, never raised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +60,7 @@ def moved_by_sweep() -> set[str]:
         return {
             row['number']
             for row in csv.DictReader(table)
-            if not (row['halved'].startswith('nothing') and row['doubled'].startswith('nothing'))
+            if not all(row[way].startswith(IDLE) for way in ('halved', 'doubled'))
         }
 
 

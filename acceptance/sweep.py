@@ -1,19 +1,21 @@
 """Halve and double every number that decides, and say which figure moves: a source, or idle.
 
     python acceptance/sweep.py ROOM... [--output FILE.csv] [--only Class.field ...]
+        [--figures NAME ...] [--within SECONDS]
 
-Each room has a small set of figures that takes seconds (FIGURES): shapes, replays, fused
-recordings with a cause of error, calibrations, sealed trials, composed films. All is imported and
-compiled once; a number is changed where its class keeps the default and in all instances that are
-there, and what was cached is forgotten. A row of the table: number, default, and what moved when
-it was halved and doubled (the figures that moved most, relative to their size; `nothing` where
-none moved by more than MOVES). A whole number of one halves to zero and is left alone.
+FIGURES are small sets that take seconds: shapes, replays, fused recordings with a cause of error,
+calibrations, sealed trials, composed films. All is imported and compiled once; a number is changed
+where its class keeps the default and in all instances that are there, and what was cached is
+forgotten. It is asked in all sets that read it, the fastest first, until a figure moves. A row of
+the table: number, default, and what moved when it was halved and doubled (the figures that moved
+most, relative to their size; `nothing` where none moved by more than MOVES; NOT_READ where no set
+reads it, so that the sweep says nothing). A whole number of one halves to zero and is left alone.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 import csv
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -48,6 +50,7 @@ sys.path.append(str(CHECKOUT / 'test'))
 KEPT = Path(tempfile.mkdtemp(prefix='pneunet_sweep_'))  # what is simulated or calibrated
 MOVES = 1e-3  # relative change of a figure that counts; what rounds differently is not told
 SHOWN = 2  # figures that are named
+NOT_READ = 'not read'
 Figures = dict[str, float | str]
 ECHOED = ('fewest', 'most', 'sure')  # the number itself, in what a verb prints
 UNSTABLE = (
@@ -150,6 +153,39 @@ def set_defaults(classes: list[type], name: str, value: Any) -> None:
             defaults[name] = value
 
 
+class CountedField:
+    """A field of a class with slots that notes who reads it."""
+
+    def __init__(self, number: Number, field: Any, read: set[str]) -> None:
+        self.number, self.field, self.read = number, field, read
+
+    def __get__(self, one: Any, owner: type | None = None) -> Any:
+        """Note a reader, but not the constructor, `replace`, or a list of settings."""
+        code = sys._getframe(1).f_code
+        listed = code.co_filename.endswith('core/settings.py') or code.co_name == 'replace'
+        if not listed and code.co_filename != '<string>':
+            self.read.add(str(self.number))
+        return self.field.__get__(one, owner)
+
+    def __set__(self, one: Any, value: Any) -> None:
+        """Set the field."""
+        self.field.__set__(one, value)
+
+
+@contextlib.contextmanager
+def counted(numbers: list[Number]) -> Iterator[set[str]]:
+    """Yield the names of those numbers that are read meanwhile."""
+    read: set[str] = set()
+    kept = [(one, vars(one.owner)[one.name]) for one in numbers]
+    for one, field in kept:
+        setattr(one.owner, one.name, CountedField(one, field, read))
+    try:
+        yield read
+    finally:
+        for one, field in kept:
+            setattr(one.owner, one.name, field)
+
+
 def forget() -> None:
     """Empty all caches of the package: they know what followed from other numbers."""
     for one in gc.get_objects():
@@ -163,7 +199,9 @@ def forget() -> None:
 
 def leaves(content: Any, path: str = '') -> Iterator[tuple[str, float | str]]:
     """Yield (dotted path, number or word) of nested content."""
-    if isinstance(content, dict):
+    if is_dataclass(content):
+        content = {item.name: getattr(content, item.name) for item in fields(content)}
+    if isinstance(content, Mapping):
         for key, value in content.items():
             if key not in ECHOED and not any(word in str(key) for word in UNSTABLE):
                 yield from leaves(value, f'{path}.{key}' if path else str(key))
@@ -477,39 +515,262 @@ def doubtful() -> Figures:
 def calibrated(free: Any, loaded: Any, arm: Any, kind: str | None = None) -> Figures:
     """Return what a calibration from made recordings comes to, or why it is refused."""
     from pneunet_ros.calibration.calibration import calibrate
+    from pneunet_ros.reports.calibration.verdict import verdict_of
 
     try:
         found = calibrate(free, loaded, arm, kind=kind, compare=False)
     except PneunetError as error:
         return {'refused': str(error.reason)}
     figures: Figures = {f'note {one.reason}': 'there' for one in found.notes}
+    figures['verdict'] = str(verdict_of(found).fit.reason)
     columns = found.arm.covariance.columns() if found.arm.covariance is not None else ()
     sizes = [abs(size) for column in columns for size in column.values()]
-    for pressure in (0.0, 3e4, 6e4):
+    for pressure in (0.0, 3e4, 6e4) if found.arm.pressure_range[1] > 0.0 else (0.0,):
         tip = solve(found.arm, pressure=pressure, force=(0.1, 0.05)).tip
         figures |= {f'{pressure:g} tip.{axis}': float(v) for axis, v in enumerate(tip)}
     return figures | {'covariance': float(np.sum(sizes)), 'columns': float(len(columns))}
 
 
-TRIALS = (('nothing', 1_000_003), ('single', 1_000_004), ('outside', 1_000_001))
+def disagreeing() -> Figures:
+    """Calibrate from recordings of two arms, of loud sensors, and from few loaded frames."""
+    from pneunet_ros.effects.hysteresis import Hysteresis
+    from support.example_arms import paper_arm
+    from support.made_datasets import experiments, made, USUAL
+
+    frames = 24
+    arm = replace(paper_arm(), covariance=None, sensors=USUAL)
+    free, loaded = experiments(arm, USUAL, frames=frames)
+    up = np.linspace(0.0, 6e4, 30)
+    loop = np.concatenate([up, up[::-1]])
+
+    def strange(factor: float, course: Any, *effects: Any) -> Any:
+        """Return an unloaded recording of an arm that bends less."""
+        model = paper_arm(effects)
+        table = model.intrinsic_curvature
+        model = replace(
+            model, intrinsic_curvature=replace(table, curvature=factor * table.curvature)
+        )
+        return made(model, course, noise=USUAL, start=1000, name=f'bends {factor:g}')
+
+    loud = replace(USUAL, pressure_std=1500.0)
+    weak = replace(USUAL, force_std=4e-3)
+    play = Hysteresis(width=2e3)
+    louder, loud_pulls = experiments(arm, loud, frames=frames)
+    cases: dict[str, Any] = {
+        'two arms': ([free[0], strange(0.93, up[::-1])], [], arm),
+        'two arms, loops': ([strange(1.0, loop), strange(0.96, loop)], [], arm),
+        'two arms with play': ([strange(1.0, loop, play), strange(0.85, loop, play)], [], arm),
+        'loud pressure': (louder[:1], loud_pulls, replace(arm, sensors=loud)),
+        'loud force': (free, experiments(arm, weak, frames=frames)[1], replace(arm, sensors=weak)),
+        'few loaded frames': (free, [loaded[0]], arm),
+        'a recording a little off': (
+            free,
+            [loaded[0], replace(loaded[1], y=1.012 * loaded[1].y), loaded[2]],
+            arm,
+        ),
+        'a frame of each off': (
+            *([frame_off(run) for run in runs] for runs in (free, loaded)),
+            arm,
+        ),
+        'glued': (*glued(), arm),
+        'at rest': (at_levels(arm), loaded, arm),
+    }
+    return {
+        key: value
+        for name, case in cases.items()
+        for key, value in named(f'{name}:', calibrated(*case)).items()
+    }
+
+
+def frame_off(run: Any) -> Any:
+    """Return a recording of which a frame shows the targets elsewhere."""
+    y = run.y.copy()
+    y[5] += 2.2e-3
+    return replace(run, y=y)
+
+
+def glued() -> tuple[list[Any], list[Any]]:
+    """Return recordings without and with a load of an arm that a patch makes stiffer."""
+    runs = unnamed_trial('glued_patch', 0, (6, 0, 24)).training
+    return [run for run in runs if not run.loaded], [run for run in runs if run.loaded]
+
+
+def at_levels(arm: Any) -> list[Any]:
+    """Return recordings that rest at pressures, with errors that neighboring targets share."""
+    from support.made_datasets import made, USUAL
+
+    levels = np.repeat(np.linspace(0.0, 6e4, 6), 8)
+    runs = [made(arm, course, noise=USUAL, seed=seed) for seed, course in
+            enumerate((levels, levels[::-1]))]  # fmt: skip
+    random = np.random.default_rng(5)
+    shared = [np.convolve(random.standard_normal(arm.target_arclength.size + 2), (0.4, 0.5, 0.4),
+                          'valid') for _ in levels]  # fmt: skip
+    return [replace(run, y=run.y + 1e-4 * np.array(shared)) for run in runs]
+
+
+def headings() -> Figures:
+    """Calibrate from measured headings of the tip."""
+    sys.path.append(str(CHECKOUT / 'test' / 'calibration'))
+    import test_tip_pose as poses
+
+    both, alone = (0.0, 0.15), (0.0, 0.3)
+    unstated = replace(poses.frame(), sensors=replace(poses.SENSORS, heading_std=0.0))
+    return named('pose', calibrated([], [poses.posed(both)], unstated)) | named(
+        'heading', calibrated([], [poses.posed(alone, position=False)], poses.frame(alone))
+    )
+
+
+# Recordings to learn from, held out, and frames of each.
+SMALL = 4, 1, 24
+# Nothing hidden, seen by few frames; one effect, two, and one that no recording tests.
+TRIALS = (
+    ('nothing', 1_000_003, SMALL),
+    ('nothing', 1_000_003, (3, 0, 12)),
+    ('nothing', 1_000_003, (6, 2, 128)),
+    ('single', 1_000_004, (3, 1, 24)),
+    ('single', 1_000_040, SMALL),
+    ('pairs', 1_000_001, SMALL),
+    ('outside', 1_000_001, SMALL),
+    ('pairs', 1_000_002, SMALL),
+)
+# Causes without an effect in the library, or with the effects that could take their place.
+LAWS = (('swelling', (4, 1, 16), True), ('smooth_play', (4, 1, 16), True))
+
+
+def cut(trial: Any, training: int, held_out: int, frames: int) -> Any:
+    """Return a trial of fewer and shorter recordings."""
+    return replace(
+        trial,
+        training=tuple(run.thin(frames) for run in trial.training[:training]),
+        held_out=tuple(run.thin(frames) for run in trial.held_out[:held_out]),
+    )
 
 
 @functools.cache
-def trial(block: str, seed: int) -> Any:
+def trial(block: str, seed: int, size: tuple[int, int, int]) -> Any:
     """Return what a sealed trial gives a diagnosis, made once."""
     from blind.trials import made
 
-    return made(block, seed)[1]
+    return cut(made(block, seed)[1], *size)
 
 
-def diagnoses() -> Figures:
-    """Diagnose short sealed trials, as the verb does."""
-    from blind.running import answered, investigate_as_said
+@functools.cache
+def unnamed_trial(name: str, step: int, size: tuple[int, int, int]) -> Any:
+    """Return recordings with a cause that the library does not have, made once."""
+    from blind.trials import recorded
+    from discovery_trials import label_of
+    from unnamed.causes import add_causes
 
+    add_causes()
+    return cut(recorded(label_of('causes', name, step, 47_001, 5))[1], *size)
+
+
+def diagnosed(trial: Any, withheld: tuple[str, ...] = ()) -> Figures:
+    """Return what a diagnosis of a trial says, and a discovery after it, as the verb does."""
+    from pneunet_ros.diagnosis.diagnosis import investigate
+    from pneunet_ros.diagnosis.result import Diagnosis
+    from pneunet_ros.diagnosis.settings import DEFAULTS
+    from pneunet_ros.discovery.discovery import discover
+
+    settings = replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, withheld=withheld))
+    try:
+        found = investigate(trial.frame, trial.training, trial.held_out, settings=settings)
+    except PneunetError as error:
+        return {'refused': str(error.reason)}
+    law = discover(found)
+    diagnosis = found.overruled(law.overruling).diagnosis
+    content: dict[str, Any] = {'answer': diagnosis.answer, 'law': figures_of_law(law)}
+    if isinstance(diagnosis, Diagnosis):
+        content |= {
+            name: getattr(diagnosis, name)
+            for name in ('effects', 'alternatives', 'where', 'noise_floor', 'closed',
+                         'adequacy_before', 'adequacy_after', 'adequacy_same', 'detectable',
+                         'shift', 'evidence', 'proposal')
+        } | {
+            'cosines': {' '.join(pair): value for pair, value in diagnosis.cosines.items()},
+            'before': diagnosis.before.rms,
+            'after': diagnosis.after.rms,
+            'heat': [float(np.nansum(one.before)) for one in diagnosis.heat_maps],
+        }  # fmt: skip
+    notes = {f'note {getattr(one, "reason", one)}': 'there' for one in diagnosis.notes}
+    return dict(leaves(content)) | notes
+
+
+def figures_of_law(found: Any) -> dict[str, Any]:
+    """Return the numbers of a discovery."""
+    return {
+        'searched': found.searched,
+        'found': found.found,
+        'closed': found.closed,
+        'overrules': found.overruling is not None,
+        'causes': None if found.causes is None else float(np.nansum(found.causes.share)),
+        'amplitude': [float(one.law @ one.law) for one in found.amplitudes],
+        'notes': [str(one)[:40] for one in found.notes],
+    }
+
+
+def diagnosis_of(block: str, seed: int, size: tuple[int, int, int]) -> Callable[[], Figures]:
+    """Return the figures of a sealed trial."""
+
+    def figures() -> Figures:
+        return diagnosed(trial(block, seed, size))
+
+    figures.__name__ = f'{block}_{seed % 1000}_{size[2]}'
+    return figures
+
+
+def law_of(name: str, size: tuple[int, int, int], withholds: bool) -> Callable[[], Figures]:
+    """Return the figures of a cause without an effect."""
+
+    def figures() -> Figures:
+        from unnamed.causes import CAUSES
+
+        given = unnamed_trial(name, 4, size)
+        return diagnosed(given, CAUSES[name].withheld if withholds else ())
+
+    figures.__name__ = f'{name}_{size[0]}'
+    return figures
+
+
+def exploration() -> Figures:
+    """Let an exploration choose recordings of an arm whose camera is turned."""
+    from explore_trials import SAFE
+    from pneunet_ros.exploration.exploration import explore
+    from pneunet_ros.exploration.settings import EXPLORATION
+    from pneunet_ros.files.scenario_file import load_scenario
+    from pneunet_ros.lab.scenario import Detail
+    from pneunet_ros.lab.sensors import Rates
+    from pneunet_ros.offline.simulated_arm import SimulatedArm
+    from pneunet_ros.recordings.dataset_reader import read_run
+
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    scenario = replace(
+        scenario,
+        rates=Rates(pressure=16.0, wrench=16.0, frames=2.0),
+        detail=Detail(elements=112.0),
+    ).with_effects({'camera_rotation': {'angle': 0.02}})
+    arm = SimulatedArm(scenario=scenario)
+    frame = replace(
+        load_model(share_path('config/paper_arm.yaml')), target_arclength=scenario.arm.targets
+    )
     found: Figures = {}
-    for block, seed in TRIALS:
-        answer, _ = answered(trial(block, seed), investigate_as_said)
-        found |= named(block, dict(leaves(answer)))
+    with tempfile.TemporaryDirectory() as place:
+
+        def record(experiment: Any, safe: Any, number: int) -> Any:
+            path = Path(place) / f'recording_{number + 1:02d}.mcap'
+            arm.record(experiment, safe, path)
+            return read_run(path, frame.target_arclength.size)[0]
+
+        settings = replace(EXPLORATION, recordings=3)
+        for number, step in enumerate(explore(frame, record, SAFE, settings=settings)):
+            content = {
+                'words': step.choice.experiment.words[:40],
+                'rate': step.choice.rate,
+                'rivals': dict(step.rivals),
+                'predicted': step.predicted,
+                'effects': () if step.diagnosis is None else step.diagnosis.effects,
+            }
+            found |= named(str(number), dict(leaves(content)))
     return found
 
 
@@ -678,31 +939,15 @@ def curves() -> Figures:
     }
 
 
-# Asked one after the other, until one moves.
-FIGURES: dict[str, tuple[Callable[[], Figures], ...]] = {
-    'solver': (shapes,),
-    'model': (shapes,),
-    'estimation': (replays,),
-    'fusion': (pushes, failures, fusions, fused_file),
-    'measurement': (checks, calibrations),
-    'calibration': (calibrations, doubtful),
-    'reports': (calibrations,),
-    'diagnosis': (diagnoses,),
-    'discovery': (diagnoses,),
-    'vision': (films, hard_films, moved_cameras, rows_found),
-}
-
-
-# Classes whose numbers are not asked in what their room does most.
-FIGURES_OF: dict[str, tuple[Callable[[], Figures], ...]] = {
-    'ClockDelaySettings': (delays,),
-    'PriorSettings': (curves,),
-    'SmootherSettings': (curves,),
-}
-FIGURES_OF |= dict.fromkeys(
-    ('Camera', 'Push', 'ModelDiscrepancy', 'PressureError', 'ForceSensor', 'TipForce',
-     'SizedBlock', 'ModelColumns', 'Tilt'),
-    (pushes, failures, fusions, fused_file),
+ROOMS = (
+    'solver', 'model', 'estimation', 'measurement', 'fusion', 'calibration', 'reports',
+    'diagnosis', 'discovery', 'exploration', 'vision',
+)  # fmt: skip
+FIGURES: tuple[Callable[[], Figures], ...] = (
+    shapes, replays, delays, checks, calibrations, doubtful, disagreeing, headings,
+    pushes, failures, fusions, fused_file,
+    *(diagnosis_of(*one) for one in TRIALS), *(law_of(*one) for one in LAWS), exploration,
+    films, hard_films, moved_cameras, rows_found, curves,
 )  # fmt: skip
 
 
@@ -756,65 +1001,87 @@ def sizes_of(figures: Figures) -> dict[str, float]:
     return sizes
 
 
-def swept(
-    number: Number,
-    sets: tuple[Callable[[], Figures], ...],
-    befores: dict[Callable[[], Figures], Figures],
-) -> list[str]:
+def swept(number: Number, sets: list[FigureSet], within: float) -> list[str]:
     """Return the row of a number: what moves where it is halved, and where it is doubled.
 
-    sets: of figures, asked one after the other until one moves; befores: the figures as they are.
+    within (s): of the sets that are asked, at least one.
     """
     row = [number.room, str(number), repr(number.default)]
+    asked: list[FigureSet] = []
+    for one in sets:
+        taken = sum(other.seconds for other in asked) + one.seconds
+        if str(number) in one.read and (not asked or taken < within):
+            asked.append(one)
     for factor in (0.5, 2.0):
         value = number.times(factor)
-        if value is None:
-            row.append('not a number')
-            continue
-        for figures in sets:
-            if figures not in befores:
-                befores[figures] = baseline(figures)
+        told = NOT_READ if value is not None else 'not a number'
+        for one in asked if value is not None else ():
+            before = one.before()
             with changed(number, value):
-                told = moved(befores[figures], attempted(figures))
+                told = moved(before, attempted(one.figures))
             if not told.startswith('nothing'):
                 break
         row.append(told)
     return row
 
 
+class FigureSet:
+    """A set of figures, the numbers that it reads, and how long it takes."""
+
+    def __init__(self, figures: Callable[[], Figures], numbers: list[Number]) -> None:
+        self.figures, self.known = figures, None
+        figures()  # what is made once
+        forget()
+        begun = time.process_time()
+        with counted(numbers) as self.read:
+            attempted(figures)
+        self.seconds = time.process_time() - begun
+        print(f'{figures.__name__}: {len(self.read)} numbers, {self.seconds:.1f} s of CPU',
+              file=sys.stderr, flush=True)  # fmt: skip
+
+    def before(self) -> Figures:
+        """Return the figures as they are; says what is not the same twice."""
+        if self.known is None:
+            self.known = attempted(self.figures)
+            noise = moved(self.known, attempted(self.figures))
+            print(f'{self.figures.__name__}: {len(self.known)} figures, twice: {noise} moved',
+                  file=sys.stderr, flush=True)  # fmt: skip
+        return self.known
+
+
 def main(words: list[str] | None = None) -> int:
     """Sweep rooms, and write a row for every number as soon as it is known."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('room', nargs='+', choices=tuple(FIGURES))
+    command.add_argument('room', nargs='+', choices=ROOMS)
     command.add_argument('--only', nargs='+', default=(), help='Class.field')
+    command.add_argument('--figures', nargs='+', default=(), help='sets to ask; default: all')
+    command.add_argument('--within', type=float, default=math.inf, help='s, of sets for a number')
     command.add_argument('--output', type=Path, default=CHECKOUT / 'acceptance' / 'sweep.csv')
     asked = command.parse_args(words)
     kept: dict[tuple[str, str], list[str]] = {}
     if asked.output.exists():
         with asked.output.open(encoding='utf-8', newline='') as known:
             kept = {(row[0], row[1]): row for row in list(csv.reader(known))[1:]}
-    there = {(one.room, str(one)) for one in numbers_of(list(FIGURES))}
+    there = {(one.room, str(one)) for one in numbers_of(list(ROOMS))}
     kept = {number: row for number, row in kept.items() if number in there}
     numbers = [one for one in numbers_of(asked.room) if not asked.only or str(one) in asked.only]
-    befores: dict[Any, Figures] = {}
-    for number in numbers:
-        sets = FIGURES_OF.get(number.owner.__name__, FIGURES[number.room])
-        row = swept(number, sets, befores)
+    sets = [
+        FigureSet(one, numbers)
+        for one in FIGURES
+        if not asked.figures or one.__name__ in asked.figures
+    ]
+    sets.sort(key=lambda one: one.seconds)
+    for number in sorted(numbers, key=lambda one: place_in(asked.only, one)):
+        row = swept(number, sets, asked.within)
         kept[row[0], row[1]] = row
         print(*row, sep=' | ', file=sys.stderr, flush=True)
         write(asked.output, list(kept.values()))
     return 0
 
 
-def baseline(figures: Callable[[], Figures]) -> Figures:
-    """Return the figures as they are; says how long they take, and what is not the same twice."""
-    figures()
-    begun = time.process_time()
-    before = attempted(figures)
-    taken, noise = time.process_time() - begun, moved(before, attempted(figures))
-    print(f'{figures.__name__}: {len(before)} figures, {taken:.1f} s of CPU, '
-          f'twice: {noise} moved', file=sys.stderr, flush=True)  # fmt: skip
-    return before
+def place_in(asked: Sequence[str], number: Number) -> int:
+    """Return where a number was asked for."""
+    return asked.index(str(number)) if str(number) in asked else 0
 
 
 def write(path: Path, rows: list[list[str]]) -> None:
