@@ -18,7 +18,7 @@ from pneunet_ros.core.printable import listed
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.meaning.pressure_convention import pressure_unit
-from pneunet_ros.measurement.meaning.pressure_judge import air_density, JUDGE, record_of
+from pneunet_ros.measurement.meaning.pressure_judge import air_density, record_of
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.tables.columns import (
     Column,
@@ -208,7 +208,7 @@ def _absolute(column: str, table: ReadingTable) -> Note:
     kept = np.isfinite(pressure)
     record = record_of(table.stamp_ns[kept].tolist(), pressure[kept].tolist())
     vented = min(record.low, record.high, key=lambda end: abs(end - STANDARD_ATMOSPHERE))
-    if not air_density(vented, JUDGE):
+    if not air_density(vented):
         return Note(
             f'{column!r} is an absolute pressure by its name, but none of its readings can be '
             f'atmospheric pressure (nearest: {vented:.4g} Pa). If it is gauge pressure or has '

@@ -16,7 +16,12 @@ import math
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals, PRESSURE_UNITS
 from pneunet_ros.measurement.meaning.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
-from pneunet_ros.measurement.meaning.reading_judge import JudgeSettings, ranked, ReadingVerdict
+from pneunet_ros.measurement.meaning.reading_judge import (
+    JudgeSettings,
+    ranked,
+    RARER,
+    ReadingVerdict,
+)
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
 
@@ -25,9 +30,6 @@ from pneunet_ros.model.domain import DOMAIN
 class PressureJudgeSettings(JudgeSettings):
     """Priors of pressure conventions, and the odds required to decide."""
 
-    rare_unit: float = tuning(
-        0.005, 'prior of MPa and of mmHg', source='convention: a quarter of the usual ones'
-    )
     absolute: float = tuning(
         0.05,
         'prior of the other reference (gauge or absolute)',
@@ -69,23 +71,6 @@ class PressureJudgeSettings(JudgeSettings):
         unit='decades',
         source='convention: from the last digit of a 20 bit converter to the full scale',
     )
-    lowland: tuple[float, float] = tuning(
-        (95e3, 105e3),
-        'atmospheric pressure below 500 m',
-        unit='Pa',
-        source='literature: ISO 2533, weather',
-    )
-    highland: tuple[float, float] = tuning(
-        (72e3, 105e3),
-        'atmospheric pressure below 2700 m',
-        unit='Pa',
-        source='literature: ISO 2533, weather',
-    )
-    in_lowland: float = tuning(
-        0.75,
-        'share of people who live below 500 m',
-        source='literature: Cohen and Small, PNAS 95 (1998)',
-    )
     another_arm: float = tuning(
         1e-4,
         'share of recordings of an arm with a very different range than the model',
@@ -110,12 +95,6 @@ class PressureJudgeSettings(JudgeSettings):
         unit='decades',
         source='convention: rounding',
     )
-    white_span: float = tuning(
-        8.0,
-        'range of white noise',
-        unit='sigma',
-        source='literature: extremes of 10 000 normal values',
-    )
     model_error: float = tuning(
         0.02,
         'error of a correct model',
@@ -132,6 +111,10 @@ class PressureJudgeSettings(JudgeSettings):
 JUDGE = PressureJudgeSettings()
 USUAL_UNITS = ('Pa', 'hPa', 'kPa', 'bar', 'psi')
 RARE_UNITS = ('MPa', 'mmHg')  # all others are close to one of these, or are stated by users
+# Atmospheric pressure (Pa) below 500 m, where 0.75 of all people live (Cohen and Small, PNAS 95,
+# 1998), and below 2700 m, each with its share (ISO 2533, weather).
+AIR = ((95e3, 105e3), 0.75), ((72e3, 105e3), 0.25)
+WHITE_SPAN = 8.0  # sigma: range of 10 000 normal values
 LEAST = 1e-300  # smallest number with a finite logarithm
 FULL_VACUUM = 1.0e5  # Pa below the atmosphere: no lower pressure is possible
 IMPOSSIBLE = -1e6  # log likelihood of an impossible reading
@@ -346,7 +329,7 @@ def judge_pressure(
     """
     if not record.count or (record.low == record.high == 0.0):
         return None
-    features = features_of(record, moves, not running or record.returned, settings)
+    features = features_of(record, moves, not running or record.returned)
 
     def by_actuator(meaning: PressureConvention) -> list[float]:
         return [
@@ -412,11 +395,9 @@ class Features:
     complete: bool
 
 
-def features_of(
-    record: PressureRecord, moves: bool, complete: bool, settings: PressureJudgeSettings
-) -> Features:
+def features_of(record: PressureRecord, moves: bool, complete: bool) -> Features:
     """Return the features of a record."""
-    drift = math.log(max(record.whiteness / settings.white_span, 1.0))
+    drift = math.log(max(record.whiteness / WHITE_SPAN, 1.0))
     return Features(
         low=record.low,
         high=record.high,
@@ -468,7 +449,7 @@ def log_prior(
     weight = 0.0
     if meaning.unit != declared.unit:
         rare = meaning.unit in RARE_UNITS
-        weight += math.log(settings.rare_unit if rare else settings.other_unit)
+        weight += math.log(settings.other_unit / (RARER if rare else 1.0))
     if meaning.reference != declared.reference:
         weight += math.log(settings.absolute)
     if meaning.sign != declared.sign:
@@ -497,7 +478,7 @@ def log_likelihood(
     held = (1.0 - settings.vented) * min(rest / expected.reach, 1.0)
     at_zero = normal(rest / settings.offset)
     absolute = meaning.reference == ABSOLUTE
-    air = air_density(meaning.ambient, settings) if absolute else 0.0
+    air = air_density(meaning.ambient) if absolute else 0.0
     vented = settings.vented * at_zero * (air if absolute else log_uniform)
     if absolute and meaning.ambient != declared.ambient:
         held = 0.0  # the lowest reading is the ambient pressure
@@ -532,11 +513,10 @@ def log_likelihood(
     )
 
 
-def air_density(ambient: float, settings: PressureJudgeSettings) -> float:
+def air_density(ambient: float) -> float:
     """Return the prior density of the logarithm of the atmospheric pressure (Pa)."""
     density = 0.0
-    pairs = (settings.lowland, settings.in_lowland), (settings.highland, 1 - settings.in_lowland)
-    for (low, high), share in pairs:
+    for (low, high), share in AIR:
         if low <= ambient <= high:
             density += share / math.log(high / low)
     return density

@@ -21,6 +21,7 @@ class Convention(Protocol):
 
 
 Meaning = TypeVar('Meaning', bound=Convention)
+RARER = 4.0  # times less likely than another unit: MPa, mmHg, and axes rotated by any angle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +30,8 @@ class JudgeSettings:
 
     other_unit: float = tuning(
         0.02,
-        'prior of each other unit that drivers and data sheets often use',
+        'prior of each other unit that drivers and data sheets often use, and of axes rotated by '
+        'a right angle',
         source='convention: messages are defined in SI',
     )
     log_odds: float = tuning(

@@ -18,7 +18,12 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import SI_PER_UNIT
-from pneunet_ros.measurement.meaning.reading_judge import JudgeSettings, ranked, ReadingVerdict
+from pneunet_ros.measurement.meaning.reading_judge import (
+    JudgeSettings,
+    ranked,
+    RARER,
+    ReadingVerdict,
+)
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN
 
@@ -34,14 +39,6 @@ class WrenchJudgeSettings(JudgeSettings):
         0.05,
         'prior of reading the reaction instead of the load',
         source='convention: sensors at the base of the pulled object report it',
-    )
-    turned: float = tuning(
-        0.02, 'prior of axes rotated by a right angle', source='convention: that of another unit'
-    )
-    askew: float = tuning(
-        0.005,
-        'prior of axes rotated by any angle',
-        source=('convention: a quarter of that of a right angle'),
     )
     untared: float = tuning(
         0.01,
@@ -282,7 +279,7 @@ def log_prior(
     turn = math.remainder(meaning.yaw - declared.yaw, 2.0 * math.pi)
     if turn:
         right = abs(abs(turn) - 0.5 * math.pi) < 1e-9
-        weight += math.log(settings.turned if right else settings.askew)
+        weight += math.log(settings.other_unit / (1.0 if right else RARER))
     if meaning.offset != declared.offset:
         weight += math.log(settings.untared)
     return weight
