@@ -43,7 +43,7 @@ from evidence.dictionary import Columns
 from evidence.sparse import Dictionary, explain, Explanation
 
 MOST_EFFECTS = 3
-OVERRULES = 0.1  # of the evidence: as `LawConfirmationSettings.overrules_share`
+OVERRULES = 0.1  # of the evidence: as `LawConfirmationSettings.beside_named`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

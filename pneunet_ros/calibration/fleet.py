@@ -39,11 +39,9 @@ class FleetSettings:
     """Criteria for outliers."""
 
     level: float = tuning(
-        0.01, 'false-alarm probability per fleet of equal arms', source='convention'
-    )
-    counted: float = tuning(
         0.01,
-        'probability of a deviation below which an arm is excluded from the center',
+        'false-alarm probability per fleet of equal arms, and that below which an arm is left out '
+        'of the center',
         source='convention',
     )
 
@@ -298,7 +296,7 @@ def distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
     center, scatter = robust_start(values, covariance)
     chance = log_chance(values, covariance, center, scatter)
     half = np.nanmedian(chance, axis=1, keepdims=True)
-    counted = chance >= np.minimum(np.log(FLEET.counted), half)  # NaN is not
+    counted = chance >= np.minimum(np.log(FLEET.level), half)  # NaN is not
     for _ in range(ROUNDS):
         center, scatter = next_estimate(values, covariance, center, scatter, counted)
     return center, scatter, log_chance(values, covariance, center, scatter)

@@ -27,22 +27,27 @@ class PreconditionSettings:
 class SameArmSettings:
     """Criteria for recordings of one arm: one unloaded shape per pressure."""
 
-    two_arms: float = tuning(0.03, 'least difference of two arms', unit='length')
-    two_arms_unknown: float = tuning(
-        0.06, 'the same, if no recording shows the effect of history', unit='length'
+    two_arms: float = tuning(
+        0.03,
+        'least difference of two arms; twice that if no recording shows the effect of history',
+        unit='length',
+        source='invented',
     )
-    times_past: float = tuning(3.0, 'difference relative to that by history')
+    times_past: float = tuning(3.0, 'difference relative to that by history', source='invented')
     outlier: float = tuning(
         5.0,
         'chi squared per coordinate of an outlier recording',
         unit='median of the others, at least 1',
+        source='invented',
     )
-    misfit: float = tuning(4.0, 'chi squared per coordinate that indicates a model error')
+    misfit: float = tuning(
+        4.0, 'chi squared per coordinate that indicates a model error', source='invented'
+    )
     few_frames: float = tuning(
-        0.05, 'share of the frames that are few, where these alone are missed; invented'
+        0.05, 'share of the frames that are few, where these alone are missed', source='invented'
     )
     others_fit: float = tuning(
-        1.5, 'chi squared per coordinate of the others then, at most; invented'
+        1.5, 'chi squared per coordinate of the others then, at most', source='invented'
     )
     noisy_pressure: float = tuning(
         0.018,
@@ -57,7 +62,10 @@ class NoiseEstimateSettings:
     """Settings of the noise estimate."""
 
     fewest: int = tuning(
-        20, 'fewest values for an estimate, and frames of a run to take them from', source='sweep'
+        20,
+        'values for an estimate, frames of a run to take them from, loaded frames for a law of '
+        'two sections, frames of a recording that shows an effect with memory, at least',
+        source='sweep',
     )
     restless: float = tuning(
         1.5,
@@ -129,13 +137,15 @@ class ResolutionSettings:
         0.05, 'distance between targets that resolve two features', unit='length', source='sweep'
     )
     noise_span: float = tuning(
-        8.0, 'difference above which pressures, or loads, count as distinct', unit='sigma'
+        8.0,
+        'difference above which pressures, or loads, count as distinct',
+        unit='sigma',
+        source='invented',
     )
     few_pressures: int = tuning(
         6, 'number of pressures below which a note is given', source='invented'
     )
-    law_frames: int = tuning(20, 'loaded frames to distinguish two sections of the arm')
-    law_shapes: int = tuning(3, 'distinct targets to distinguish them')
+    law_shapes: int = tuning(3, 'distinct targets to distinguish them', source='invented')
     nonuniform: float = tuning(
         0.3,
         'relative std of kappa_p0 along the arm, where no target determines it',

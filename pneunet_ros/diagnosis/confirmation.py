@@ -23,6 +23,9 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LACK_OF_
 from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+MOST_LEFT = 2.0  # chi squared per coordinate of the training that a law may leave; 1 is noise
+BATCHES = 8  # parts of a held-out run, for the standard error of its rms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,9 +86,9 @@ class Confirmer:
 
     def what_is_left(self, record: Record) -> tuple[Note, ...]:
         """Object to a law whose residual exceeds the limit for laws."""
-        left, most = self.chi_squared(record), self.settings.confirmation.most_left
+        left = self.chi_squared(record)
         worst = worst_test(record.tests)
-        if left <= most or worst.p_value > LACK_OF_FIT.level / len(record.tests):
+        if left <= MOST_LEFT or worst.p_value > LACK_OF_FIT.level / len(record.tests):
             return ()
         return (
             Note(
@@ -225,20 +228,19 @@ def error_rises(before: Sequence[Score], after: Sequence[Score]) -> str:
     useless. Errors of frames near in time are correlated, so the test uses batches of frames, and
     the ratio in each batch because a few frames may be far more sensitive than the others.
     """
-    settings, change = DEFAULTS.confirmation, list[float]()
-    squares: list[Array] = []
+    change, squares = list[float](), list[Array]()
     for without, with_it in zip(before, after, strict=True):
         pair = np.stack([without.error**2, with_it.error**2])
         pair = np.where(np.isfinite(pair).all(axis=0), pair, np.nan)
         squares.append(pair.reshape(2, -1))
-        for batch in np.array_split(pair, settings.batches, axis=1):
+        for batch in np.array_split(pair, BATCHES, axis=1):
             if np.isfinite(batch).any():
                 mean = np.nanmean(batch.reshape(2, -1), axis=1) + NO_ERROR
                 change.append(float(np.log(mean[1] / mean[0])))
-    if len(change) < settings.batches:
+    if len(change) < BATCHES:
         return ''
     rms = np.sqrt(np.nanmean(np.concatenate(squares, axis=1), axis=1))
-    level = stdtrit(len(change) - 1, ndtr(np.sqrt(settings.fall)))  # of Student's t
+    level = stdtrit(len(change) - 1, ndtr(np.sqrt(DEFAULTS.confirmation.fall)))  # of Student's t
     surely = level * np.std(change, ddof=1) / np.sqrt(len(change))
     if rms[1] <= rms[0] or np.mean(change) <= surely:
         return ''

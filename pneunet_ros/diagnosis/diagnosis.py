@@ -11,6 +11,7 @@ from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.calibration.map_estimation import NEARLY
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.core.settings import check_changeable
@@ -247,7 +248,7 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
         return ()
     arm = selection.linearization.point.arm
     names = [item.name for item in hypotheses(arm, settings) if item.has_memory]
-    why = f'no training recording has {settings.fewest_in_time} frames'
+    why = f'no training recording has {NOISE_ESTIMATE.fewest} frames'
     if all(run.static for run in training):
         why = 'frames are static, so their stamps carry no time'
     return (

@@ -18,6 +18,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.evaluation import adequacy
 from pneunet_ros.diagnosis.fit.augmented_model import augment_model, fit_with_effects
+from pneunet_ros.diagnosis.fit.law_errors import MAY_LEAVE
 from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.fit.refit import effects_of
 from pneunet_ros.diagnosis.inertia import (
@@ -33,7 +34,7 @@ from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestig
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.selection import Record, Trial
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SELECTION
+from pneunet_ros.diagnosis.settings import SELECTION
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
@@ -114,7 +115,7 @@ def less_motion(
     may leave a share of the misfit that the model without it has.
     """
     margin = SELECTION.least_evidence
-    allowed = LACK_OF_FIT.law_error * found.base.record.excess
+    allowed = MAY_LEAVE * found.base.record.excess
     swinging, moving, near, trial = unloaded(training), None, None, found.best
     try:
         for _ in range(MOST_ROUNDS):

@@ -9,9 +9,16 @@ import numpy as np
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.fit.law_errors import LawErrors, OpenLaws
+from pneunet_ros.diagnosis.fit.law_errors import LawErrors, MAY_LEAVE, OpenLaws
 from pneunet_ros.diagnosis.fit.linearization import Linearization
-from pneunet_ros.diagnosis.fit.refit import linearize_all_runs, Refit, refit, settle, split_numbers
+from pneunet_ros.diagnosis.fit.refit import (
+    BASE_ROUNDS,
+    linearize_all_runs,
+    Refit,
+    refit,
+    settle,
+    split_numbers,
+)
 from pneunet_ros.diagnosis.scores.lack_of_fit import (
     is_adequate,
     lack_of_fit_tests,
@@ -26,14 +33,22 @@ from pneunet_ros.diagnosis.scores.score_test import Candidate, largest_clean_sco
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
-    LACK_OF_FIT,
     LAW_ERRORS,
-    REFIT,
     SCORE_TEST,
     SELECTION,
 )
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
+
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+MOST_EFFECTS = 3  # that may be missing together
+SHORTLIST = 5  # candidates that are fitted, in order of their score
+WORTH_A_FIT = 4.0  # chi squared: score that is worth a fit
+FINALIST_GAIN = 0.25  # cost that a finalist gains at least, of `SelectionSettings.least_gain`
+ABSENT = 3.0  # sigma: below it, the others are fitted once more without an effect, as they are
+LAW_EVIDENCE = 0.02  # share of evidence that does not tell two laws apart
+PLAUSIBLE = 4.0  # prior std, from the prior mean to a size
+PARTIAL = 0.5  # of the gain of a more probable set: too little beside it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +142,7 @@ class Selection:
         """Fit the model without any further effect."""
         self.on_progress('the base model', 0, 0)
         training = self.linearization.of_training()
-        base = refit(training, (), np.zeros(0), REFIT.base_rounds)
+        base = refit(training, (), np.zeros(0), BASE_ROUNDS)
         if base is None:
             raise ModelError(
                 'the model has no equilibrium in most of the training recordings',
@@ -180,7 +195,7 @@ class Selection:
             tests=tests,
             adequate=is_adequate(tests, self.allowed)
             or (base is not None and self.laws_may_miss(trial, base, all_runs, gaussian, tests)),
-            plausible=is_plausible(trial, SELECTION.plausible),
+            plausible=is_plausible(trial, PLAUSIBLE),
             run_chi_squared=gaussian.squares,
             coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
             outside_prior=parameters_outside_prior(trial, SCORE_TEST.prior_range),
@@ -220,7 +235,7 @@ class Selection:
         That is a small part of the misfit without them, or more if law errors explain it.
         """
         most = base.record.excess
-        if is_adequate(tests, LACK_OF_FIT.law_error * most):
+        if is_adequate(tests, MAY_LEAVE * most):
             return True
         if max(item.excess for item in tests) > LAW_ERRORS.most_left * most:
             return False
@@ -232,7 +247,7 @@ class Selection:
     def select_forward(self, base: Trial) -> Trial:
         """Add effects one by one while that helps; return the best set."""
         best = base
-        for count in range(SELECTION.most_effects):
+        for count in range(MOST_EFFECTS):
             if best.record.adequate and self.significant_candidate(best) is None:
                 return best
             if count > 1 and best.record.excess > SELECTION.hopeless * base.record.excess:
@@ -304,8 +319,8 @@ class Selection:
         candidates = self.score_candidates(trial)
         largest = candidates[0].gain if candidates else 0.0
         clear = sum(item.gain >= SELECTION.near * largest for item in candidates)
-        likely = sum(item.gain > SELECTION.worth_a_fit for item in candidates)
-        stops = [clear, max(clear, SELECTION.shortlist), *([likely] if thorough else [])]
+        likely = sum(item.gain > WORTH_A_FIT for item in candidates)
+        stops = [clear, max(clear, SHORTLIST), *([likely] if thorough else [])]
         best: Trial | None = None
         done = 0
         for stop in stops:
@@ -335,8 +350,7 @@ class Selection:
                 first.append(fit)
                 gains.append(max(known.cost - fit.cost, 0.5 * item.gain))
         needed = max(
-            SELECTION.near * max(gains, default=0.0),
-            SELECTION.finalist_gain * SELECTION.least_gain,
+            SELECTION.near * max(gains, default=0.0), FINALIST_GAIN * SELECTION.least_gain
         )
         order = np.argsort([-gain for gain in gains])[: SELECTION.finalists].tolist()
         chosen = [first[place] for place in order if gains[place] >= needed]
@@ -355,7 +369,6 @@ class Selection:
 
         The last one is also removed if its size does not differ significantly from zero.
         """
-        absent = SELECTION.absent
         while len(trial.names) > 1:
             least = trial.record.evidence - SELECTION.least_evidence
             without = [self.leave_out(base, trial, name, least) for name in trial.names]
@@ -363,14 +376,14 @@ class Selection:
             if not kept:
                 return trial
             trial = max(kept, key=lambda item: item.record.evidence)
-        return base if is_absent(trial.refit, trial.names[0], absent) else trial
+        return base if is_absent(trial.refit, trial.names[0], ABSENT) else trial
 
     def leave_out(self, base: Trial, trial: Trial, name: str, least: float) -> Trial | None:
         """Return the set without one of its effects; None if its evidence is insufficient."""
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
-        absent = is_absent(trial.refit, name, SELECTION.absent)
+        absent = is_absent(trial.refit, name, ABSENT)
         if known is not None and known.evidence < least and not absent:
             return None
         hypotheses = tuple(item for item, _ in rest)
@@ -398,7 +411,7 @@ def choose_best(trial: Trial, extended: Sequence[Trial]) -> Trial | None:
     plausible = [item for item in better if item.record.plausible]
     if plausible:
         top = max(plausible, key=lambda item: over[item].evidence)
-        least = SELECTION.partial * over[top].gain
+        least = PARTIAL * over[top].gain
         better = [item for item in better if over[item].gain >= least]
     plausible = [item for item in better if item.record.plausible]
     adequate = [item for item in better if item.record.adequate]
@@ -482,4 +495,4 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
 
 def evidence_margin(evidence: float) -> float:
     """Return the significant difference of evidence, given that no law is exact."""
-    return max(SELECTION.least_evidence, SELECTION.law_evidence * evidence)
+    return max(SELECTION.least_evidence, LAW_EVIDENCE * evidence)

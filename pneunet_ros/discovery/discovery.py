@@ -181,11 +181,11 @@ def predicts_better(law: Record, named: Record) -> bool:
     Held-out recordings must not be predicted worse.
     """
     least = named.evidence + max(
-        CONFIRMATION.overrules, CONFIRMATION.overrules_share * named.evidence
+        CONFIRMATION.overrules, CONFIRMATION.beside_named * named.evidence
     )
     if law.outside_prior or law.evidence < least:
         return False
-    return law.predicted >= named.predicted - CONFIRMATION.tied
+    return law.predicted >= named.predicted - LAW.least_gain
 
 
 def look_for_law(
@@ -454,7 +454,7 @@ def tied_kinds(
     best: Finding, findings: Sequence[Finding], suspects: Sequence[Suspect]
 ) -> tuple[str, ...]:
     """Return the other kinds that explain as much, by joint fits or by left-out gain."""
-    margin = max(CONFIRMATION.tied, evidence_margin(best.gain))
+    margin = max(LAW.least_gain, evidence_margin(best.gain))
     fitted = {item.suspect.kind.name: item.gain for item in findings}
     linear = best.suspect.left_out_gain
     tied = [

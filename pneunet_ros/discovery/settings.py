@@ -1,7 +1,6 @@
 """Tuning constants of a discovery.
 
-Numbers without a source are invented; `acceptance/discovery_trials.py` tested all of them
-together.
+`acceptance/discovery_trials.py` tested all of them together.
 """
 
 from __future__ import annotations
@@ -18,34 +17,52 @@ REFINEMENTS = 3  # halvings of the distance between positions
 class CovariateSettings:
     """Settings of the covariates of an amplitude."""
 
-    play: float = tuning(0.02, 'full width of the usual play', unit='pressure range')
+    play: float = tuning(
+        0.02, 'full width of the usual play', unit='pressure range', source='invented'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawSettings:
     """Settings of the forward selection of terms."""
 
-    most_terms: int = tuning(3, 'terms of a law')
+    most_terms: int = tuning(3, 'terms of a law', source='invented')
     least_gain: float = tuning(
-        4.0, 'gain of a term more in recordings left out', unit='log probability'
+        4.0,
+        'gain of a term more in recordings left out, and difference of two kinds',
+        unit='log probability',
+        source='invented',
     )
     prior_sizes: tuple[float, ...] = tuning(
-        (0.01, 0.1, 1.0), 'prior std of coefficients, the best is taken', unit='prior of the kind'
+        (0.01, 0.1, 1.0),
+        'prior std of coefficients, the best is taken',
+        unit='prior of the kind',
+        source='invented',
     )
-    idle: float = tuning(3.0, 'size of a term that may be left out', unit='its std')
-    rounds: int = tuning(2, 'rounds of fitting a law to the residuals of the last one')
+    idle: float = tuning(
+        3.0, 'size of a term that may be left out', unit='its std', source='invented'
+    )
+    rounds: int = tuning(
+        2, 'rounds of fitting a law to the residuals of the last one', source='invented'
+    )
     period_cost: float = tuning(
-        5.0, 'gain that the search over periods finds by chance', unit='log probability'
+        5.0,
+        'gain that the search over periods finds by chance',
+        unit='log probability',
+        source='invented',
     )
-    fewest_cycles: float = tuning(2.5, 'periods in the longest recording, at least')
-    fewest_runs: int = tuning(3, 'recordings for a law on time')
+    fewest_cycles: float = tuning(
+        2.5, 'periods in the longest recording, at least', source='invented'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaceSettings:
     """Settings of the search for the position of a cause."""
 
-    held: int = tuning(4, 'places at which a constant cause is fitted before its place is free')
+    held: int = tuning(
+        4, 'places at which a constant cause is fitted before its place is free', source='invented'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,28 +70,40 @@ class LawConfirmationSettings:
     """Settings of the tests that a law must pass to be reported."""
 
     level: float = tuning(
-        1e-4, 'p-value of the law of one half of the recordings in the other half'
+        1e-4,
+        'p-value of the law of one half of the recordings in the other half',
+        source='invented',
     )
-    least_share: float = tuning(0.3, 'share of what is left that a law explains at least')
-    tied: float = tuning(4.0, 'difference that separates two kinds', unit='log probability')
-    finalists: int = tuning(3, 'kinds that are fitted jointly')
-    more_finalists: int = tuning(6, 'kinds that are fitted jointly if none of those passes')
+    least_share: float = tuning(
+        0.3, 'share of what is left that a law explains at least', source='invented'
+    )
+    finalists: int = tuning(3, 'kinds that are fitted jointly', source='invented')
+    more_finalists: int = tuning(
+        6, 'kinds that are fitted jointly if none of those passes', source='invented'
+    )
     beside_named: float = tuning(
-        0.1, 'gain of a law beside a named effect, at least', unit='evidence of that effect'
+        0.1,
+        'gain of a law beside a named effect, or over a name, at least',
+        unit='evidence of the name',
+        source='invented',
     )
     worth_a_fit: float = tuning(
         0.8,
         'gain of a law, before any joint fit, that may overrule a name',
         unit='evidence of the name',
+        source='invented',
     )
     overrules: float = tuning(
-        10.0, 'by how much a law must predict better than a name', unit='log probability'
+        10.0,
+        'by how much a law must predict better than a name',
+        unit='log probability',
+        source='invented',
     )
     fewest_runs: int = tuning(
-        4, 'training recordings of which halves test a law; of less a name gives way to it'
-    )
-    overrules_share: float = tuning(
-        0.1, 'by how much a law must predict better than a name', unit='evidence of the name'
+        4,
+        'training recordings that show a law in time, and of which halves test a law; of less a '
+        'name gives way to it',
+        source='invented',
     )
 
 

@@ -11,10 +11,12 @@ from pneunet_ros.core.settings import tuning
 class ExplorationSettings:
     """Settings of the search for the next recording."""
 
-    recordings: int = tuning(8, 'recordings at most: the fixed protocol of the lab has as many')
-    stays: int = tuning(2, 'rounds with the same name that confirm it')
-    frames: int = tuning(30, 'frames of a simulated experiment')
-    between: float = tuning(2.0, 'pause between recordings', unit='s')
+    recordings: int = tuning(
+        8, 'recordings at most', source='convention: the fixed protocol of the lab has as many'
+    )
+    stays: int = tuning(2, 'rounds with the same name that confirm it', source='invented')
+    frames: int = tuning(30, 'frames of a simulated experiment', source='invented')
+    between: float = tuning(2.0, 'pause between recordings', unit='s', source='invented')
 
 
 EXPLORATION = ExplorationSettings()

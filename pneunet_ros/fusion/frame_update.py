@@ -28,6 +28,9 @@ FRAME_GATE = 4.0  # limits of the NIS of noise: a frame beyond is not used
 APART = 16.0  # chi squared between two solutions
 RIVAL = 9.0  # chi squared above the best, within which another solution counts
 RESTART_FRAMES = 6  # over which the cold starts of a round are tried
+# Cold starts, the best of a round, from which a search begins, one a frame. No figure of
+# acceptance/sweep.py moves when it is halved or doubled.
+STARTS_FOLLOWED = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,10 +60,9 @@ class ColdSearch:
 
     def looked(self, fit: Fit) -> ColdSearch:
         """Return the state after one frame's share of the search for alternatives to a fit."""
-        settings = fit[0].settings
         gain, round_ = search_other_force(fit, self.round)
         clear = 0 if gain > -RIVAL else self.clear + 1
-        whole = RESTART_FRAMES + settings.starts_followed
+        whole = RESTART_FRAMES + STARTS_FOLLOWED
         return ColdSearch(
             ambiguous=gain > -RIVAL or (self.ambiguous and clear < whole),
             found_better=gain > RIVAL,
@@ -151,7 +153,7 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
 
     tracked: the solution tracked from the previous belief, if there is one.
     """
-    starts, most = cold_starts(problem), problem.settings.starts_followed
+    starts, most = cold_starts(problem), STARTS_FOLLOWED
     found = solutions(problem, starts[:most])
     begun = leave_out(*found[0]) if found else None
     fits = [fit for fit in (tracked, begun) if fit is not None]
@@ -380,11 +382,10 @@ def search_other_force(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
 
 def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, list[Trial]]:
     """Return the round after this frame, and the cold starts to follow now: none or one."""
-    settings = problem.settings
     if round_.frame < RESTART_FRAMES:
         tried = cold_starts(problem, slice(round_.frame, None, RESTART_FRAMES))
         forces = [(trial.cost, *force_at(problem, trial).tolist()) for trial in tried]
-        best = sorted([*round_.best, *forces])[: settings.starts_followed]
+        best = sorted([*round_.best, *forces])[:STARTS_FOLLOWED]
         return ColdRound(frame=round_.frame + 1, best=tuple(best)), []
     if not round_.best:
         return ColdRound(), []

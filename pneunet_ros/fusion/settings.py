@@ -50,9 +50,6 @@ class FusionSettings:
     most_left_out: float = tuning(
         0.3, 'largest share of the targets seen that the gate may leave out', source='sweep'
     )
-    starts_followed: int = tuning(
-        3, 'cold starts, the best of a round, from which the search begins: one a frame'
-    )
     determined: float = quantity(
         0.06,
         unit='-',

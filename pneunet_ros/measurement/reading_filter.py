@@ -27,10 +27,17 @@ Piece = tuple[int, int]  # first and last reading of a straight line
 class ReadingFilterSettings:
     """Thresholds at which noise no longer explains a deviation from a straight line."""
 
-    corner: float = tuning(25.0, 'significant improvement by a second line', unit='chi squared')
-    slope: float = tuning(9.0, 'significant improvement by a slope', unit='chi squared')
+    corner: float = tuning(
+        25.0, 'significant improvement by a second line', unit='chi squared', source='invented'
+    )
+    slope: float = tuning(
+        9.0, 'significant improvement by a slope', unit='chi squared', source='invented'
+    )
     scatter: float = tuning(
-        4.0, 'significant excess of the chi squared of a line over its mean', unit='std'
+        4.0,
+        'significant excess of the chi squared of a line over its mean',
+        unit='std',
+        source='invented',
     )
 
 

@@ -35,7 +35,7 @@ def test_what_is_not_the_default_is_said():
     'settings',
     [
         replace(DEFAULTS, fixed=replace(DEFAULTS.fixed, selection=EASIER)),
-        replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, fewest_in_time=3)),
+        replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, shapes=3)),
         replace(CALIBRATION, experiments=replace(EXPERIMENTS, first_frames=7)),
     ],
 )

@@ -61,13 +61,11 @@ def points_of(arm: Arm, inputs: Inputs) -> Array:
     return series.points.reshape(FRAMES, -1).copy()
 
 
-@pytest.mark.parametrize('mode', range(LINEARIZATION.curvature_modes))
+@pytest.mark.parametrize('mode', range(LINEARIZATION.modes + 1))
 def test_a_curvature_mode_bends_the_arm(mode):
     arm, _, inputs, _, regressors, _ = loaded()
     table = arm.intrinsic_curvature
-    shape = legendre.legval(
-        2.0 * table.arclength - 1.0, np.eye(LINEARIZATION.curvature_modes)[mode]
-    )
+    shape = legendre.legval(2.0 * table.arclength - 1.0, np.eye(LINEARIZATION.modes + 1)[mode])
 
     def bent(size: float) -> Array:
         curvature = replace(table, curvature=table.curvature + size * shape)

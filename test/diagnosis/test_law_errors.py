@@ -7,11 +7,10 @@ import functools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.fit.law_errors import along_arm, LawErrors, OpenLaws
+from pneunet_ros.diagnosis.fit.law_errors import along_arm, LawErrors, OpenLaws, SIZE
 from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.diagnosis.scores.lack_of_fit import lack_of_fit_tests
 from pneunet_ros.diagnosis.scores.score_test import score_effects
-from pneunet_ros.diagnosis.settings import LAW_ERRORS
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted
@@ -52,10 +51,10 @@ def test_errors_of_a_size_are_a_share_of_what_the_effect_does():
     assert after is not None
     loaded = linearization.training - 1
     moved = (after[loaded] - before[loaded]).reshape(len(before[loaded]), -1) / 0.01
-    scale = np.abs(LAW_ERRORS.size * moved).max()
+    scale = np.abs(SIZE * moved).max()
     size_alone = errors.fields[loaded][:, :, 0]
     assert scale > 1e-4
-    np.testing.assert_allclose(size_alone, LAW_ERRORS.size * moved, atol=0.02 * scale)
+    np.testing.assert_allclose(size_alone, SIZE * moved, atol=0.02 * scale)
 
 
 def test_a_model_without_effects_has_no_laws_that_miss():

@@ -122,7 +122,7 @@ def test_two_effects_are_added_one_by_one(monkeypatch):
         trial('gravity creep', 480.0),
     )
     assert search.chosen() == ('gravity', 'creep')
-    monkeypatch.setattr(selection, 'SELECTION', replace(SELECTION, most_effects=1))
+    monkeypatch.setattr(selection, 'MOST_EFFECTS', 1)
     assert Scripted(*search.sets.values()).chosen() == ('gravity',)
 
 

@@ -243,10 +243,10 @@ def test_a_discovered_law_stands_in_all_files(written, page):
 
 def test_settings_that_are_not_the_default_are_said():
     found, *_ = diagnosis()
-    fixed = FixedSettings(selection=SelectionSettings(most_effects=1))
+    fixed = FixedSettings(selection=SelectionSettings(finalists=1))
     changed = replace(found.settings, fixed=fixed)
     content = diagnosis_content(replace(found, settings=changed), PROVENANCE)
-    assert content['settings']['not_default'] == {'SelectionSettings.most_effects': 1}
+    assert content['settings']['not_default'] == {'SelectionSettings.finalists': 1}
 
 
 def test_the_model_has_what_was_missing(written):

@@ -34,7 +34,7 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     self_distances = [tip_distance(run, run, top) for run in unloaded]
     known = [item for item in self_distances if item is not None]
-    limit = CONSISTENCY.two_arms_unknown * length
+    limit = 2.0 * CONSISTENCY.two_arms * length
     if known:
         limit = max(CONSISTENCY.two_arms * length, CONSISTENCY.times_past * max(known))
     for one, other in itertools.combinations(unloaded, 2):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.calibration.checks.preconditions import has_one_pressure, same_pressure
-from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE, RESOLUTION, ResolutionSettings
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
@@ -92,7 +92,7 @@ def resolve(
         )
     frames = sum(len(run.stamp_ns) for run in loaded)
     law, law_notes = PiecewiseLinearLaw.kind, []
-    if loaded and (frames < settings.law_frames or shapes < settings.law_shapes or constant):
+    if loaded and (frames < NOISE_ESTIMATE.fewest or shapes < settings.law_shapes or constant):
         law = LinearLaw.kind
         other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
         law_notes.append(

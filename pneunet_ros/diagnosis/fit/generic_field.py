@@ -19,7 +19,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 
-PAST = 'past'  # stands for the past over `LinearizationSettings.field_memory`
+PAST = 'past'  # stands for that over the second of the time constants
 STRETCH_REGRESSORS = ('1', 'p', 'p^2', 't', PAST, 'F1', 'F2')
 ROTATION_REGRESSORS = ('1', 'p', 't', PAST, 'F1', 'F2')
 SINGLE_REGRESSORS = ('p', 'F1', 'F2')
@@ -152,15 +152,13 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     (frames, targets) rad.
     """
     frames, targets = theta.shape
-    curvature = knots @ legendre.legvander(
-        2.0 * regressors.knots - 1.0, LINEARIZATION.curvature_modes - 1
-    )
+    curvature = knots @ legendre.legvander(2.0 * regressors.knots - 1.0, LINEARIZATION.modes)
     stretch = stretch_fields(
-        regressors.arclength, theta, regressors.clamp_angle, LINEARIZATION.stretch_modes
+        regressors.arclength, theta, regressors.clamp_angle, LINEARIZATION.modes
     )
     # About the clamp: the way from there, turned by a right angle.
     rotation = np.concatenate([-stretch[:, targets:, :1], stretch[:, :targets, :1]], axis=1)
-    names, parts, past = [], [], past_name(LINEARIZATION.field_memory)
+    names, parts, past = [], [], past_name(LINEARIZATION.time_constants[1])
     for label, shapes, regressor_names in (
         ('curvature', curvature, regressors.names[1:]),
         ('stretch', stretch, STRETCH_REGRESSORS),
@@ -177,7 +175,7 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     return Fields(
         names=tuple(names),
         generic=np.concatenate(parts, axis=2),
-        shapes=np.concatenate([curvature[:, :, : LINEARIZATION.window_modes], shift], axis=2),
+        shapes=np.concatenate([curvature[:, :, : LINEARIZATION.modes], shift], axis=2),
         weights=np.maximum(0.0, 1.0 - np.abs(position - np.arange(LINEARIZATION.windows))),
         regressors=regressors.columns(which, SINGLE_REGRESSORS),
     )

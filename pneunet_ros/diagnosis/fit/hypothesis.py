@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import numpy as np
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.settings import DEFAULTS, HypothesisSettings
 from pneunet_ros.effects import EFFECTS
@@ -18,6 +19,7 @@ from pneunet_ros.model.arm import Arm
 # Sizes from which a search begins, of the prior range: where points are linear in them, and not.
 FIRST_SIZE = 5e-4
 FIRST_SIZES = (0.05, 0.25, 0.8)
+SHAPE_MARGIN = 10.0  # factor by which a shape may leave its prior range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +169,7 @@ def coordinate_of(parameter: Any, size: ArmSize) -> Coordinate:
     first, last = expected = scaled_prior(parameter, size)
     reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
     mean, logarithmic = 0.0, shape and first > 0.0
-    margin = DEFAULTS.hypothesis.shape_margin
+    margin = SHAPE_MARGIN
     if logarithmic:
         low = math.log(max(low, first / margin))
         high = math.log(min(high, last * margin))
@@ -211,4 +213,4 @@ def hypotheses(
 
 def carries_time(run: RecordingData) -> bool:
     """Whether the frames of a recording can show an effect that depends on the past."""
-    return not run.static and len(run.stamp_ns) >= DEFAULTS.hypothesis.fewest_in_time
+    return not run.static and len(run.stamp_ns) >= NOISE_ESTIMATE.fewest

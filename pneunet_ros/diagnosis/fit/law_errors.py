@@ -16,11 +16,14 @@ from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.fit.refit import Refit, split_numbers
-from pneunet_ros.diagnosis.settings import LAW_ERRORS
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 DIFFERENCE = 0.1  # of a size; step of the derivative by it
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+SIZE = 0.3  # error of a size in every frame, each for itself, of the size
+MAY_LEAVE = 0.2  # excess that the law of an effect may leave, of that of the base
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,7 +42,7 @@ class LawErrors:
             return cls(fields=())
         arclength = linearization.point.arm.target_arclength / linearization.length
         shapes = np.asarray(
-            legendre.legvander(2.0 * arclength - 1.0, LAW_ERRORS.shapes - 1), np.float64
+            legendre.legvander(2.0 * arclength - 1.0, LINEARIZATION.modes - 1), np.float64
         )
         runs = range(len(linearization.blocks))
         before = linearization.points(fit.point.arm, runs)
@@ -51,8 +54,8 @@ class LawErrors:
                 continue
             for part, point, moved in zip(parts, before, after, strict=True):
                 unit = np.nan_to_num(point - moved) / DIFFERENCE
-                errors = LAW_ERRORS.size * along_arm(unit, shapes)
-                part.append(errors.reshape(len(unit), -1, LAW_ERRORS.shapes))
+                errors = SIZE * along_arm(unit, shapes)
+                part.append(errors.reshape(len(unit), -1, LINEARIZATION.modes))
         fields = tuple(np.concatenate(part, axis=2) for part in parts if part)
         return cls(fields=fields)
 

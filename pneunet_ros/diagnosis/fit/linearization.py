@@ -32,6 +32,8 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import CURVATURE, THETA, X, Y
 
+MOST_LOST = 0.02  # share of the frames that may have no equilibrium
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearizedRun:
@@ -290,7 +292,7 @@ class Linearization:
             inputs = inputs.with_loads(inputs.loads + block.linear.load_error)
             solved = block.model.solve(arm, inputs)
             lost = block.linear.fitted.counted.any(axis=1) & ~solved
-            if lost.mean() > LINEARIZATION.most_lost:
+            if lost.mean() > MOST_LOST:
                 return None
             # A frame without equilibrium carries no information: as if the model were right there.
             as_seen = block.run.points + block.linear.tangent.reshape(block.run.points.shape)

@@ -24,6 +24,9 @@ MOST_HALVINGS = 5  # of a step that does not lower the cost
 # Step of numerical derivatives, of the prior's std. The base takes up most of what gravity does: a
 # coarser difference is bent by more than is left, and taken for information.
 DIFFERENCE = 5e-4
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+BASE_ROUNDS = 20  # most relinearizations of the base fit, without effects
+UNSETTLED = 1e-3  # gain of a step more that is no answer, of the misfit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -304,7 +307,7 @@ def settle(fit: Refit, rounds: int | None = None) -> Refit:
 
 def has_ended(fit: Refit) -> bool:
     """Whether the search of a fit has converged, relative to its misfit."""
-    return fit.gain < max(REFIT.least_gain, REFIT.unsettled * fit.misfit)
+    return fit.gain < max(REFIT.least_gain, UNSETTLED * fit.misfit)
 
 
 def halfway(one: Refit, other: Refit) -> Refit:

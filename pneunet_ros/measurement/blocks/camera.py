@@ -35,7 +35,10 @@ class Camera(Block):
         3e-5, 'std of the rotation of a camera that was not moved', unit='rad', source='sweep'
     )
     moved_by: float = tuning(
-        0.045, 'std of the position of a camera that was moved', unit='of the length'
+        0.045,
+        'std of the position of a camera that was moved',
+        unit='of the length',
+        source='invented',
     )
     turned_by: float = tuning(
         0.05,

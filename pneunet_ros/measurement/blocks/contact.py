@@ -22,7 +22,10 @@ class Push(Block):
     scale: float
     length: float
     width: float = tuning(
-        0.018, 'length of the arm that a contact presses on', unit='of the length'
+        0.018,
+        'length of the arm that a contact presses on',
+        unit='of the length',
+        source='invented',
     )
     places: tuple[float, float] = tuning(
         (0.05, 0.98),

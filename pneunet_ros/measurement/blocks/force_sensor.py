@@ -33,6 +33,7 @@ class ForceSensor(Block):
         0.015,
         'harmless error of offset and gain; a sensor known to this accuracy is confirmed',
         unit='of the force scale',
+        source='invented',
     )
 
     @property

@@ -27,6 +27,7 @@ class ModelColumns(Block):
         'correlation time of errors that a calibration has only guessed: they depend on '
         'pressure and load, and so last as long as a constant force',
         unit='s',
+        source='invented',
     )
 
     @property

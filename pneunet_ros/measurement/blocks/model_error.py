@@ -47,7 +47,7 @@ class ModelDiscrepancy(SizedBlock):
         1.5, 'exponent of the prior over sizes: larger errors are less likely', source='sweep'
     )
     size_time: float = tuning(
-        60.0, 'forgetting time of frames in the estimate of its size', unit='s'
+        60.0, 'forgetting time of frames in the estimate of its size', unit='s', source='invented'
     )
     lag_times: tuple[float, ...] = tuning(
         (4.0, 40.0),

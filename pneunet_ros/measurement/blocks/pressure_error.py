@@ -16,7 +16,7 @@ class PressureError(SizedBlock):
     """Error (Pa) of the chamber pressure relative to its reading."""
 
     unread: float = tuning(
-        0.5, 'std of a pressure that is no longer measured', unit='of the range'
+        0.5, 'std of a pressure that is no longer measured', unit='of the range', source='invented'
     )
 
     @property

@@ -65,10 +65,13 @@ class TipForce(Block):
         source='sweep',
     )
     least_walk: float = tuning(
-        0.0015, 'random walk of a force at rest', unit='of the force scale/sqrt(s)'
+        0.0015,
+        'random walk of a force at rest',
+        unit='of the force scale/sqrt(s)',
+        source='invented',
     )
     largest_walk: float = tuning(
-        0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)'
+        0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)', source='invented'
     )
     steady_after: float = tuning(
         0.1,
@@ -77,10 +80,14 @@ class TipForce(Block):
         source='tried on one rig: 0.05 s leaves the force almost unobservable, 9 s makes it '
         'overconfident',
     )
-    walk_time: float = tuning(0.5, 'time after which a force counts as constant again', unit='s')
-    usual_time: float = tuning(30.0, 'averaging time of the walk of the force', unit='s')
+    walk_time: float = tuning(
+        0.5, 'time after which a force counts as constant again', unit='s', source='invented'
+    )
+    usual_time: float = tuning(
+        30.0, 'averaging time of the walk of the force', unit='s', source='invented'
+    )
     guess_counts: float = tuning(
-        5.0, 'weight of the initial walk, as a duration of frames', unit='s'
+        5.0, 'weight of the initial walk, as a duration of frames', unit='s', source='invented'
     )
 
     @property
