@@ -242,7 +242,12 @@ def calibrate_as_stamped(
         on_progress('stiffness along the arm', fits.done, fits.planned)
     variation = stiffness_variation(joint, noise.noise)
     guessed = guessed_columns(joint, variation)
-    covariance, explained_variance = low_rank(joint, painted=painted.size, guessed=guessed)
+    covariance, explained_variance = low_rank(
+        joint,
+        painted=painted.size,
+        guessed=guessed,
+        base_turn_std=max(run.base_turn_std for run in runs),
+    )
     joint = joint.widened(guessed)
     outliers = outlier_recordings(joint)
     return Calibration(

@@ -16,13 +16,17 @@ COVARIANCE_FRAMES = 24  # of every run: more move no figure of acceptance/sweep.
 
 
 def low_rank(
-    fit: Fit, most: int = MOST_COLUMNS, painted: int | None = None, guessed: Array | None = None
+    fit: Fit,
+    most: int = MOST_COLUMNS,
+    painted: int | None = None,
+    guessed: Array | None = None,
+    base_turn_std: float = 0.0,
 ) -> tuple[ModelCovariance, float]:
     """Return a low-rank covariance of the parameters, and the share of shape variance it captures.
 
     most: largest number of columns. painted: include the placement of only the first `painted`
     targets; None: all targets. guessed (parameters, errors): assumed errors, one extra column
-    each.
+    each. base_turn_std (rad): of the base frame of the recordings, a column of its own.
 
     Keeps the directions of the full covariance that move the targets of the fitted frames most,
     and scales them to preserve the total variance. If the targets resolve less than the table of
@@ -30,7 +34,8 @@ def low_rank(
     """
     if guessed is None:
         guessed = np.zeros((fit.values.size, 0))
-    most -= guessed.shape[1]
+    turned = int(base_turn_std > 0.0)
+    most -= turned + guessed.shape[1]
     factor = covariance_root(fit.covariance)
     count = COVARIANCE_FRAMES
     shape_changes = shape_jacobian(fit, count) @ factor
@@ -38,10 +43,15 @@ def low_rank(
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
     columns = factor @ directions[:most].T / np.sqrt(share)
     names, change = fit.parameters.quantities()
+    low_factor = np.pad(change @ np.hstack([columns, guessed]), ((0, turned), (turned, 0)))
+    if turned:
+        names, low_factor[-1, 0] = (*names, 'arm.clamp_angle'), base_turn_std
     low = ModelCovariance(
         quantities=names,
-        factor=rounded(change @ np.hstack([columns, guessed])),
-        placement=placement_with(fit, factor, directions[:most], painted, guessed.shape[1]),
+        factor=rounded(low_factor),
+        placement=placement_with(
+            fit, factor, directions[:most], painted, (turned, guessed.shape[1])
+        ),
         guessed=guessed.shape[1],
     )
     return low, share
@@ -58,12 +68,13 @@ def covariance_root(covariance: Array) -> Array:
 
 
 def placement_with(
-    fit: Fit, factor: Array, directions: Array, painted: int | None, guessed: int
+    fit: Fit, factor: Array, directions: Array, painted: int | None, further: tuple[int, int]
 ) -> PlacementKnown:
     """Return the posterior of the placement, and its correlation with columns of the covariance.
 
     factor (n, n): root of the covariance of the parameters; directions (columns, n): the columns,
-    in sigma of that root; guessed: number of extra columns, uncorrelated with the placement.
+    in sigma of that root; further: number of columns before and after them, uncorrelated with the
+    placement.
     """
     targets, size = fit.placement.shape[1], fit.values.size
     kept = np.arange(2 * targets).reshape(2, targets)[:, :painted].ravel()
@@ -74,7 +85,7 @@ def placement_with(
     return PlacementKnown(
         mean=rounded(fit.placement.ravel()[kept]),
         std=rounded(np.sqrt(np.maximum(remaining_variance, 0.0))),
-        factor=rounded(np.pad(factor_of_placement, ((0, 0), (0, guessed)))),
+        factor=rounded(np.pad(factor_of_placement, ((0, 0), further))),
         origin=rounded(fit.origin),
     )
 

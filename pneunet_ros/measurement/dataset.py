@@ -49,7 +49,8 @@ class RecordingData:
     m are the end load at the frames in the base frame, as read; `loaded` is False if nothing was
     attached, and the load is then exactly zero. x, y (frames, targets) m in the base frame, NaN
     where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
-    not measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. static: frames
+    not measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. base_turn_std:
+    one sigma (rad) of the direction of the base frame in which they are. static: frames
     are steady states in any order, without meaningful stamps. pressurized: False if no pressure
     was recorded; it is then zero. load_known: the load is a known constant, not measured by a
     sensor. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the end
@@ -70,6 +71,7 @@ class RecordingData:
     y: Array
     tip_pose: Array | None = None
     tip_frame: str = BASE_FRAME
+    base_turn_std: float = 0.0
     static: bool = False
     pressurized: bool = True
     load_known: bool = False

@@ -91,10 +91,17 @@ class FoundBase:
             f'arm (residual {millimeters(self.rms):.2g} mm)'
         )
 
-    def in_base(self, pose: Array) -> Array:
-        """Return poses (frames, 3) of the other frame in the base frame."""
-        x, y = rotate(-self.angle, pose[:, 0] - self.x, pose[:, 1] - self.y)
-        return np.column_stack([x, y, pose[:, 2] - self.angle])
+    def in_base(self, run: RecordingData) -> RecordingData:
+        """Return a run with its tip poses in the base frame."""
+        assert run.tip_pose is not None
+        x, y, heading = run.tip_pose.T
+        x, y = rotate(-self.angle, x - self.x, y - self.y)
+        return replace(
+            run,
+            tip_pose=np.column_stack([x, y, heading - self.angle]),
+            tip_frame=BASE_FRAME,
+            base_turn_std=self.std_angle,
+        )
 
 
 def in_base_frame(
@@ -103,12 +110,30 @@ def in_base_frame(
     """Return the runs with tip poses in the base frame, and notes on the frame found.
 
     Poses whose frame is not the base frame, or that are out of reach of the arm, are in another
-    frame; the clamp is estimated from the runs without a load. Raises RecordingError if these do
-    not determine it.
+    frame; the clamp is estimated in each frame from the runs without a load. Raises RecordingError
+    if these do not determine it, or if targets are seen as well, which are in the base frame.
     """
-    other = [run for run in runs if is_in_other_frame(run, arm, settings)]
-    if not other:
-        return list(runs), ()
+    other: dict[str, list[int]] = {}
+    for index, run in enumerate(runs):
+        if is_in_other_frame(run, arm, settings):
+            other.setdefault(run.tip_frame, []).append(index)
+    in_base, notes = list(runs), []
+    for places in other.values():
+        found = base_of([runs[index] for index in places], arm, settings)
+        names = ', '.join(runs[index].name for index in places)
+        for index in places:
+            in_base[index] = found.in_base(runs[index])
+        notes.append(
+            Note(
+                f'{names}: the tip is measured in another frame; {found.sentence}',
+                reason='base_found',
+            )
+        )
+    return in_base, tuple(notes)
+
+
+def base_of(other: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings) -> FoundBase:
+    """Return the clamp in the common frame of the tip poses of some runs."""
     names = ', '.join(run.name for run in other)
     free = [run for run in other if not run.loaded] or other
     poses = np.concatenate([run.tip_pose for run in free if run.tip_pose is not None])
@@ -120,25 +145,23 @@ def in_base_frame(
             'the poses in the base frame',
             reason='wrong_frame',
         )
-    in_base = [
-        run
-        if all(run is not one for one in other) or run.tip_pose is None
-        else replace(run, tip_pose=found.in_base(run.tip_pose), tip_frame=BASE_FRAME)
-        for run in runs
-    ]
-    return in_base, (
-        Note(
-            f'{names}: the tip is measured in another frame; {found.sentence}', reason='base_found'
-        ),
-    )
+    return found
 
 
 def is_in_other_frame(
     run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME
 ) -> bool:
-    """Whether the tip poses are in another frame, whose position no target determines."""
-    if run.tip_pose is None or run.seen.any():
+    """Whether the tip poses are in another frame; RecordingError if targets are seen as well."""
+    if run.tip_pose is None:
         return False
+    if run.seen.any():
+        if run.tip_frame == BASE_FRAME:
+            return False
+        raise RecordingError(
+            f'{run.name}: the tip is measured in the frame {run.tip_frame}, the targets in '
+            f'{BASE_FRAME}: give the poses in {BASE_FRAME} too, or leave out one of the two',
+            reason='wrong_frame',
+        )
     distance = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
     return run.tip_frame != BASE_FRAME or bool(
         np.any(distance > settings.out_of_reach * arm.reach)
@@ -157,7 +180,8 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     poses = poses[np.unique(np.linspace(0, len(poses) - 1, MOST_POSES).astype(np.int64))]
     known = np.isfinite(poses[:, 2])
     frames, reach, clamp = len(poses), arm.reach, arm.clamp_angle
-    heading = np.unwrap(np.where(known, poses[:, 2], 0.0))
+    heading = np.zeros(frames)
+    heading[known] = np.unwrap(poses[known, 2])
 
     def turns_of(unknowns: Array) -> Array:
         turns: Array = heading - unknowns[2] - clamp

@@ -10,9 +10,13 @@ from pneunet_ros import load_model, solve
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.checks.left_out_levels import interpolated
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.usable_frames import with_tips
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_frame import find_base, in_base_frame
 from pneunet_ros.model.starting_arm import starting_arm
@@ -200,6 +204,48 @@ def test_poses_of_another_frame_are_moved_and_said():
     kept, said = in_base_frame([recorded(truth)], ARM)
     assert (kept[0].tip_pose == truth).all()
     assert said == ()
+
+
+def test_each_frame_of_motion_capture_has_a_clamp_of_its_own():
+    truth = poses()
+    places = {'day_1': (1.2, -0.4, 0.7), 'day_2': (1.0, 0.1, 0.2)}
+    days = [recorded(moved(truth, *place), day) for day, place in places.items()]
+    same, notes = in_base_frame(days, ARM)
+    assert reasons(notes) == ['base_found', 'base_found']
+    for run in same:
+        assert run.tip_pose[:, :2] == pytest.approx(truth[:, :2], abs=5e-4)
+
+
+def test_poses_of_another_frame_beside_targets_are_refused():
+    seen = np.zeros((LEVELS.size, 2))
+    both = replace(recorded(poses(), 'mocap'), x=seen, y=seen)
+    with refused(RecordingError, 'wrong_frame'):
+        in_base_frame([both], ARM)
+
+
+def test_a_heading_that_was_not_measured_hides_no_turn_past_half_a_circle():
+    pose = moved(poses(), 0.0, 0.0, 2.24)
+    pose[:, 2] = np.angle(np.exp(1j * pose[:, 2]))
+    beyond = int(np.argmax(pose[:, 2] < 0.0))
+    pose[beyond - 1 : beyond + 1, 2] = np.nan
+    assert find_base(pose, ARM).angle == pytest.approx(2.24, abs=0.03)
+
+
+def test_the_error_of_the_clamp_is_in_the_model():
+    """It was said and then forgotten: the heading was 200 standard errors beside the truth."""
+    (run,), _ = in_base_frame([recorded(moved(poses(), 1.2, -0.4, 0.7))], ARM)
+    found = calibrate([run], [], ARM)
+    assert run.base_turn_std > 0.01
+    model = found.arm.covariance
+    turn = model.factor[model.quantities.index('arm.clamp_angle')]
+    assert turn @ turn == pytest.approx(run.base_turn_std**2, rel=1e-4)
+    settings = EstimatorSettings(wrench_required=False)
+    estimator = Estimator(arm=found.arm, settings=settings)
+    _, estimate = estimator.step(EstimatorState(), PressureReading(stamp_ns=1, pressure=30e3))
+    assert math.sqrt(estimate.tip_covariance[2, 2]) > 0.9 * run.base_turn_std
+    assert (
+        'arm.clamp_angle' not in calibrate([recorded(poses())], [], ARM).arm.covariance.quantities
+    )
 
 
 def test_poses_that_do_not_show_the_clamp_are_refused():
