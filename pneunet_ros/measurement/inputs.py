@@ -68,7 +68,9 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     """Return the inputs of each run; the history carries over from run to run by stamps.
 
     The arm is assumed to have settled at the first pressure before the first run, and to be
-    unchanged between runs. Static frames have no history: each is an independent equilibrium.
+    unchanged between runs. A run that begins before the one before it has ended, such as tables
+    whose time starts at zero, has no past: its arm is settled. Static frames have no history:
+    each is an independent equilibrium.
     """
     return inputs_at_instants(arm, [run.at_instants(arm.frame_delay) for run in runs])
 
@@ -79,11 +81,13 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
         return tuple(steady_inputs(arm, run) for run in runs)
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}
     moving = [which for which, run in enumerate(runs) if not run.static]
-    order = sorted(moving, key=lambda which: int(runs[which].reading_stamp_ns[0]))
+    order = sorted(moving, key=lambda which: runs[which].reading_stamp_ns[[0, -1]].tolist())
     history: tuple[History, ...] | None = None
     previous_ns = 0
     for which in order:
         run = runs[which]
+        if run.reading_stamp_ns[0] <= previous_ns:
+            history = None
         chamber, histories = np.empty(len(run.pressure)), []
         for index, (stamp, pressure) in enumerate(
             zip(run.reading_stamp_ns.tolist(), run.pressure.tolist(), strict=True)

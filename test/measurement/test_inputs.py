@@ -102,6 +102,17 @@ def test_history_goes_on_from_run_to_run_in_the_order_of_their_stamps():
     assert not np.array_equal(alone.histories[1], later.histories[1])
 
 
+def test_runs_whose_stamps_overlap_have_no_past_in_whatever_order_they_are_given():
+    """Tables whose time starts at zero: which was the earlier one, nobody knows."""
+    arm = paper_arm((Hysteresis(width=3e3), Softening(loss=0.2)))
+    up, down = made(arm, UP_AND_DOWN[:12]), made(arm, UP_AND_DOWN[12:])
+    (alone,) = inputs_of(arm, [down])
+    for runs in ([up, down], [down, up]):
+        found = inputs_of(arm, runs)[runs.index(down)]
+        assert np.array_equal(found.pressure, alone.pressure)
+        assert np.array_equal(found.histories[1], alone.histories[1])
+
+
 def test_readings_alone_where_no_effect_has_a_history():
     arm = paper_arm((PressureGain(gain=0.97), ForceMisalignment(angle=0.05)))
     run = made(arm, UP_AND_DOWN, FORCE)

@@ -45,16 +45,21 @@ class Regressors:
     def of(
         cls, arm: Arm, runs: Sequence[RecordingData], all_inputs: Sequence[Inputs]
     ) -> Regressors:
-        """Collect the frames; the maximum pressure carries over between runs by their stamps."""
+        """Collect the frames; the maximum pressure carries over between runs as histories do."""
         low, high = arm.table_range
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
-        order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))
-        highest, tables, progress = -np.inf, {}, {}
+        order = sorted(
+            range(len(runs)), key=lambda which: runs[which].reading_stamp_ns[[0, -1]].tolist()
+        )
+        highest, previous_ns, tables, progress = -np.inf, 0, {}, {}
         for which in order:
             run, inputs = runs[which], all_inputs[which]
             reached = run.pressure
             if not run.static:
+                first_ns, last_ns = run.reading_stamp_ns[[0, -1]].tolist()
+                highest = highest if first_ns > previous_ns else -np.inf
+                previous_ns = last_ns
                 reached = np.maximum(np.maximum.accumulate(run.pressure), highest)
                 highest = float(reached[-1])
             below = (reached - run.pressure)[run.reading] > LINEARIZATION.unloading * span
