@@ -147,21 +147,18 @@ class Lines:
         self.level = float(values.mean())
         self.std = max(std, NO_NOISE * float(np.ptp(values))) or 1.0
         self.values = (values - self.level) / self.std
-        products = np.stack(
-            [
-                np.ones_like(self.time),
-                self.time,
-                self.time**2,
-                self.values,
-                self.time * self.values,
-                self.values**2,
-            ]
-        )
-        self.sums = np.concatenate([np.zeros((6, 1)), np.cumsum(products, axis=1)], axis=1)
 
     def sums_of(self, first: int, last: int) -> Array:
-        """Return the sums of a part of the series, (6, 1)."""
-        return np.asarray(self.sums[:, last + 1 : last + 2] - self.sums[:, first : first + 1])
+        """Return the sums of the first readings of a part, (6, readings): of one, of two, ...
+
+        Time and values are relative to the middle of the part: in a long series the differences of
+        sums over all of it would be rounding errors.
+        """
+        part = slice(first, last + 1)
+        time = self.time[part] - self.time[part].mean()
+        values = self.values[part] - self.values[part].mean()
+        products = np.stack([np.ones_like(time), time, time**2, values, time * values, values**2])
+        return np.asarray(np.cumsum(products, axis=1))
 
     def pieces(self) -> list[Piece]:
         """Return the line segments, split until noise explains their residuals."""
@@ -186,13 +183,9 @@ class Lines:
         count = last - first + 1
         if count < 3:
             return None
-        inner = self.sums[:, first + 1 : last + 1]
-        two_lines = chi_squared(inner - self.sums[:, first : first + 1])
-        two_lines += chi_squared(self.sums[:, last + 1 : last + 2] - inner)
-        best, one_line = (
-            int(np.argmin(two_lines)),
-            float(chi_squared(self.sums_of(first, last))[0]),
-        )
+        sums = self.sums_of(first, last)
+        two_lines = chi_squared(sums[:, :-1]) + chi_squared(sums[:, -1:] - sums[:, :-1])
+        best, one_line = int(np.argmin(two_lines)), float(chi_squared(sums[:, -1:])[0])
         scatter = one_line - count > self.settings.scatter * np.sqrt(2.0 * count)
         if one_line - two_lines[best] <= self.settings.corner and not scatter:
             return None
@@ -210,10 +203,10 @@ class Lines:
         part = self.values[first : last + 1]
         if part.size < 3:
             return np.asarray(self.level + self.std * part)
-        _, tt, tp, _ = (float(value[0]) for value in moments(self.sums_of(first, last)))
+        time = self.time[first : last + 1] - self.time[first : last + 1].mean()
+        tt, tp = float(time @ time), float(time @ part)
         slope = tp / tt if tp**2 > self.settings.slope * tt else 0.0
-        time = self.time[first : last + 1]
-        line = part.mean() + slope * (time - time.mean())
+        line = part.mean() + slope * time
         return np.asarray(self.level + self.std * line)
 
 
