@@ -47,14 +47,13 @@ class Experiment:
         time = np.arange(0.0, corners[-1, 0], 1.0 / EXPERIMENT_DESIGN.rate)
         share, f1, f2 = (np.interp(time, corners[:, 0], corners[:, i]) for i in (1, 2, 3))
         frames = frames or EXPERIMENT_DESIGN.frames
-        low, high = pressure_range
         reading = np.linspace(0, time.size - 1, frames).astype(np.int64)
         loads = np.column_stack([f1, f2])
         stamps = stamp_ns + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
         return RecordingData(
             name=self.words,
             reading_stamp_ns=stamps,
-            pressure=low + (high - low) * share,
+            pressure=pressures_at(share, pressure_range),
             stamp_ns=stamps[reading],
             reading=reading,
             loaded=bool(np.any(loads)),
@@ -63,6 +62,12 @@ class Experiment:
             x=np.zeros((frames, targets)),
             y=np.zeros((frames, targets)),
         )
+
+
+def pressures_at(share: Array, pressure_range: tuple[float, float]) -> Array:
+    """Return pressures (n,) Pa from the end of a range nearest to the atmosphere, share 0."""
+    rest, full = sorted(pressure_range, key=abs)
+    return rest + (full - rest) * share
 
 
 EXPERIMENTS = (

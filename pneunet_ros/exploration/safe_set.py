@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.diagnosis.experiment_design import Experiment, pressures_at
 from pneunet_ros.model.arm import Arm
 
 
@@ -35,11 +35,12 @@ class SafeSet:
         low, high = arm.pressure_range
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
         force = float(np.hypot(*loads.T).max()) if loads.size else arm.weight
-        low = max(low, 0.0) if high > 0.0 else low
+        # The other sign, if any, is the noise of the gauge at rest.
+        low, high = (max(low, 0.0), high) if high >= -low else (low, min(high, 0.0))
         return cls(low=low, high=high, force=force or arm.weight)
 
     def corners(self, experiment: Experiment) -> Array:
         """Return the corners (k, 4) of an experiment: time s, pressure Pa, F1 and F2 N."""
         time, share, x, y = np.array(experiment.corners, dtype=np.float64).T
-        pressure = self.low + (self.high - self.low) * share
+        pressure = pressures_at(share, (self.low, self.high))
         return np.column_stack([time, pressure, self.force * x, self.force * y])

@@ -66,6 +66,18 @@ def test_the_safe_set_of_a_model_is_what_it_was_calibrated_to():
         SafeSet(low=2.0, high=1.0, force=0.1)
 
 
+def test_an_arm_under_vacuum_begins_at_rest_whatever_its_gauge_read_there():
+    """One of -50 kPa to the 1 Pa of noise at rest had a safe set of 0 to 1 Pa."""
+    arm = replace(vacuum_arm(), domain=None)
+    low, table = arm.pressure_range[0], arm.intrinsic_curvature
+    noisy = replace(table, pressure=table.pressure + 1.0)
+    safe = SafeSet.of(replace(arm, intrinsic_curvature=noisy))
+    assert (safe.low, safe.high) == (low + 1.0, 0.0)
+    pressure = safe.corners(BEGINNING)[:, 1]
+    assert (pressure[0], pressure[-1]) == (0.0, 0.0)
+    assert pressure.min() == pytest.approx(0.6 * safe.low)
+
+
 def test_the_safe_set_of_an_arm_under_vacuum_is_its_vacuum():
     arm = vacuum_arm()
     safe = SafeSet.of(arm)
