@@ -224,17 +224,18 @@ class Search:
         Each is at its best position. A kind with a law in measured quantities is described better
         by that law.
         """
-
-        def wandering(kind: Kind, position: float | None) -> Suspect | None:
-            cause = self.cause(kind, position)
-            swing = None if cause is None else self.swing(cause, self.runs, periodic=False)
-            if cause is None or swing is None:
-                return None
-            return Suspect(cause=cause, law=None, swing=swing)
-
         return best_first(
-            self.at_best_position(kind, partial(wandering, kind)) for kind in self.kinds
+            self.at_best_position(kind, partial(self.swung, kind, periodic=False))
+            for kind in self.kinds
         )
+
+    def swung(self, kind: Kind, position: float | None, *, periodic: bool) -> Suspect | None:
+        """Return a kind at a position with its most probable course in time, if it has one."""
+        cause = self.cause(kind, position)
+        swing = None if cause is None else self.swing(cause, self.runs, periodic=periodic)
+        if cause is None or swing is None:
+            return None
+        return Suspect(cause=cause, law=None, swing=swing)
 
     def suspects(self) -> list[Suspect]:
         """Return all kinds with a law or a swing, best first."""
@@ -243,13 +244,10 @@ class Search:
     def suspect(self, kind: Kind) -> Suspect | None:
         """Return a kind with its best prediction of left-out recordings; None if it has none."""
         law = self.best_law(kind, self.runs)
-        cause = self.cause(kind, self.positions(kind)[0]) if law is None else law.cause
-        if cause is None:
-            return None
-        swing = self.swing(cause, self.runs, periodic=True)
-        if swing is not None and swing.left_out_gain > (0.0 if law is None else law.left_out_gain):
-            return Suspect(cause=cause, law=None, swing=swing)
-        return Suspect(cause=cause, law=law, swing=None)
+        swung = self.at_best_position(kind, partial(self.swung, kind, periodic=True))
+        if law is not None and (swung is None or swung.left_out_gain <= law.left_out_gain):
+            return Suspect(cause=law.cause, law=law, swing=None)
+        return swung
 
 
 def best_first(suspects: Iterable[Suspect | None]) -> list[Suspect]:
