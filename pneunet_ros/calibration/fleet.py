@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import quantities
-from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 import scipy
 
 MEDIAN_SQUARE = 0.454936423119572  # median of the square of a standard normal variable
@@ -173,9 +173,13 @@ def arm_numbers(arm: Arm, pressure: float, *, loaded: bool) -> ArmNumbers:
     return ArmNumbers(values=values, covariance=moves @ moves.T)
 
 
+def reaches(arm: Arm, pressure: float) -> bool:
+    """Whether a model is valid at a pressure (Pa); ends of recordings differ by noise."""
+    return arm.beyond_range(pressure) <= EXTRAPOLATION
+
+
 def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
     """Return the numbers of an arm by name."""
-    low, high = arm.pressure_range
     curvature = arm.intrinsic_curvature
     at = f'at {1e-3 * pressure:.4g} kPa'
     half = f'at {0.5e-3 * pressure:.4g} kPa'
@@ -190,17 +194,17 @@ def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
         along = curvature.at(where, places)
         return float(arm.length * np.ptp(places) * np.trapezoid(along, dx=1 / (along.size - 1)))
 
-    if low <= 0.0 <= high:
+    if reaches(arm, 0.0):
         add('turning_at_rest', 'turning angle without pressure', 'rad', turning(0.0, share))
-    if low <= 0.5 * pressure <= high:
+    if reaches(arm, 0.5 * pressure):
         add('turning_at_half', f'turning angle {half}', 'rad', turning(0.5 * pressure, share))
-    if low <= pressure <= high:
+    if reaches(arm, pressure):
         add('turning', f'turning angle {at}', 'rad', turning(pressure, share))
         table = curvature.curvature
         if np.ptp(table, axis=1).max() > EVEN * np.abs(table).max():
             meaning = f'turning angle of the outer half {at}'
             add('turning_of_outer_half', meaning, 'rad', turning(pressure, outer))
-    if loaded and low <= 0.5 * pressure <= high:
+    if loaded and reaches(arm, 0.5 * pressure):
         value = mean_stiffness(arm, 0.5 * pressure)
         add('bending_stiffness', f'bending stiffness EI of the whole arm {half}', 'N m^2', value)
     for effect in arm.effects:
