@@ -394,8 +394,9 @@ def placement(
 ) -> float | None:
     """Return the standard deviation of the painted positions, per coordinate (m).
 
-    A few targets may lie on a smooth curve by chance: for few targets the result is at least
-    `assumed` (m). None if unknown.
+    The variance beyond the white noise may be zero by chance: the result is at least its own
+    standard error. A few targets may lie on a smooth curve by chance: for few targets the result
+    is at least `assumed` (m). None if unknown.
     """
     free = [run.points for run in runs if not run.loaded]
     if not free:
@@ -413,8 +414,9 @@ def placement(
     smooth = np.polynomial.chebyshev.chebvander(2.0 * arclength / arclength[-1] - 1.0, degree)
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
     residual = mean.T - smooth @ coefficients
-    variance = np.sum(residual**2) / (2 * (arclength.size - degree - 1))
-    found = float(np.sqrt(max(variance - white**2 / count, 0.0)))
+    freedom = 2 * (arclength.size - degree - 1)
+    variance = np.sum(residual**2) / freedom
+    found = float(np.sqrt(max(variance - white**2 / count, variance * np.sqrt(2.0 / freedom))))
     return found if arclength.size >= NOISE_ESTIMATE.many_targets else max(found, assumed)
 
 

@@ -91,6 +91,15 @@ def test_a_camera_is_never_found_to_be_still_by_chance():
         assert ratio.max() < 2.5, name
 
 
+def test_dots_are_never_found_to_be_exact_by_chance():
+    noise = replace(TRUE, placement_std=1e-5)
+    found = [
+        estimate_noise(runs(noise, seed, frames=40), PAPER.target_arclength, ASSUMED).noise
+        for seed in range(12)
+    ]
+    assert min(item.placement_std for item in found) > 0.3 * noise.placement_std
+
+
 def test_what_recordings_cannot_tell_is_assumed_and_said():
     free = [run for run in runs(TRUE) if not run.loaded]
     estimate = estimate_noise(free, PAPER.target_arclength, ASSUMED)
