@@ -55,8 +55,8 @@ def end_turns(points: Array, arclength: Array) -> tuple[float, float] | None:
     """Return the angles (rad) by which the first and the last targets turn; None if unknown."""
     seen = np.isfinite(points[:, 0]).sum(axis=0) >= FEWEST_FRAMES
     known = np.flatnonzero(seen)
-    if known.size < 3:
-        return None
+    if known.size < 3 or arclength[known[0]] > CHORD * arclength[-1]:
+        return None  # what turns little at the clamp is not seen
     reach = CHORD * (arclength[known[-1]] - arclength[known[0]])
     first, last = arclength[known[0]] + reach, arclength[known[-1]] - reach
     after = int(known[1:][arclength[known[1:]] >= first - 1e-12][0])

@@ -101,3 +101,13 @@ def test_motion_that_does_not_go_with_the_pressure_is_the_cameras():
     assert clamp_motion(swinging, pressure, arclength, 0.1) == 0.0
     going = points + 2e-3 * np.array([0.0, 1.0])[:, None] * (pressure / 5e4)[:, None, None]
     assert clamp_motion(going, pressure, arclength, 0.1) == pytest.approx(2e-3, rel=1e-6)
+
+
+def test_targets_that_begin_far_from_the_clamp_say_nothing_of_their_order():
+    """The first of them turns as the last one of an arm that is held there."""
+    arclength = np.linspace(0.0, 0.1, 11)
+    angles = np.linspace(0.0, 0.6, 30)[:, None] * np.linspace(1.0, 0.1, 11)
+    points = np.stack([arclength * np.cos(angles), arclength * np.sin(angles)], axis=1)
+    assert end_turns(points, arclength) is not None
+    points[:, :, :4] = np.nan
+    assert end_turns(points, arclength) is None
