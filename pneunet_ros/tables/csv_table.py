@@ -283,6 +283,8 @@ def _rows(
     newline. left_out: notes on comments and on an incomplete last row are appended.
     """
     comments: list[int] = []
+    # Length of the last cell of this row and of the shortest above: a number may be cut off too.
+    digits, before, shortest = 0, math.inf, math.inf
     for cells in reader:
         if not any(cell.strip() for cell in cells):
             continue
@@ -304,7 +306,17 @@ def _rows(
                 reason='wrong_shape',
             )
         else:
+            before, digits = shortest, len(cells[-1].strip())
+            shortest = min(shortest, digits)
             yield line, cells
+    if cut and 0 < digits < before < math.inf:
+        left_out.append(
+            Note(
+                f'{path}: it ends without a newline, and its last number has fewer digits than '
+                'all others: check that it is whole',
+                reason='cut_off',
+            )
+        )
     if comments:
         lines = ', '.join(map(str, comments[:NAMES_SHOWN]))
         more = ', ...' * (len(comments) > NAMES_SHOWN)

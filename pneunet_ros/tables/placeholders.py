@@ -46,7 +46,7 @@ def without_placeholders(
     """Replace these placeholder numbers by NaN; returns the columns and the number replaced."""
     changed = {name: np.array(values) for name, values in numbers.items()}
     count = 0
-    for place in places_of(columns):
+    for place in places_of(columns, numbers):
         for value in missing:
             rows = place.rows(numbers, value)
             count += int(np.count_nonzero(rows))
@@ -63,7 +63,7 @@ def ask_for_placeholders(
     A placeholder occurs in some rows only. In a pair of coordinates it is obvious; a single number
     must be far from all others in its column.
     """
-    for place in places_of(columns):
+    for place in places_of(columns, numbers):
         found = [value for value in PLACEHOLDERS if _stands_for_nothing(place, numbers, value)]
         if not found:
             continue
@@ -78,14 +78,16 @@ def ask_for_placeholders(
         )
 
 
-def places_of(columns: Sequence[Column]) -> Iterator[Place]:
-    """Yield groups of columns that form one reading each."""
+def places_of(columns: Sequence[Column], numbers: Mapping[str, Array]) -> Iterator[Place]:
+    """Yield groups of columns that form one reading each.
+
+    Target 0 may be painted at the clamp, which is (0, 0): there 0 is no placeholder.
+    """
     names = {(column.quantity, column.target): column.name for column in columns}
     for target in sorted({column.target for column in columns if column.target is not None}):
         components = tuple(names[quantity, target] for quantity in TOGETHER)
-        yield Place(
-            label=f'target {target}', deciding=components, names=components, zero=target != 0
-        )
+        zero = target != 0 or any(_is_far(numbers[name], 0.0) for name in components)
+        yield Place(label=f'target {target}', deciding=components, names=components, zero=zero)
     tip = tuple(names[name, None] for name in ('tip_x', 'tip_y') if (name, None) in names)
     heading = tuple(names[name, None] for name in ('tip_heading',) if (name, None) in names)
     if len(tip) == 2:
@@ -104,10 +106,17 @@ def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float
     other_rows = known & ~rows
     if len(place.deciding) > 1:
         return bool(other_rows.any())
-    if np.count_nonzero(other_rows) < 2:
-        return False
     rest = numbers[place.deciding[0]][other_rows]
-    low, high = float(np.min(rest)), float(np.max(rest))
     if value == -1.0:  # too near to readings of zero to stand apart by its size
-        return bool(low >= 0.0 and rows.sum() > 1 and np.any(rest != np.round(rest)))
+        whole = np.all(rest == np.round(rest))
+        return bool(rest.size > 1 and np.min(rest) >= 0.0 and rows.sum() > 1 and not whole)
+    return _is_far(rest, value)
+
+
+def _is_far(numbers: Array, value: float) -> bool:
+    """Whether a value lies far outside of all other known numbers, of which there are two."""
+    rest = numbers[np.isfinite(numbers) & (numbers != value)]
+    if rest.size < 2:
+        return False
+    low, high = float(np.min(rest)), float(np.max(rest))
     return not low - (high - low) <= value <= high + (high - low)

@@ -41,6 +41,7 @@ MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read
 # apart, and rows of 1 Hz in days 1.2e-5. Invented.
 LARGEST_STEP, SMALLEST_STEP = 1.0, 2e-5
 SPREADSHEET_EPOCH = 25_569  # 1970 in the days of spreadsheets, which count from 1899-12-30
+SPREADSHEET_END = 73_050  # 2100 in these days
 NAMES_SHOWN = 12
 FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no stamp" in a header
 
@@ -316,7 +317,9 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
     steps = np.abs(np.diff(times[np.isfinite(times)]))
     steps = steps[steps > 0.0]  # repeated or decreasing times are rejected with their line
     step = float(np.median(steps)) if steps.size else 0.1
-    if SMALLEST_STEP <= step < LARGEST_STEP:
+    start, end = (times[0], times[-1]) if times.size else (0.0, 0.0)
+    of_a_day = SPREADSHEET_EPOCH < start < SPREADSHEET_END and 0.0 <= end - start < 1.0
+    if SMALLEST_STEP <= step < LARGEST_STEP and not of_a_day:
         return
     named = written if not any(mark.isspace() for mark in written) else f'"{written}"'
     choices = 'time_ms for milliseconds' if step >= LARGEST_STEP else 'time_d for days (Excel)'

@@ -549,6 +549,35 @@ def test_comments_among_the_rows_and_a_last_row_that_is_cut_off_are_left_out(tmp
     assert sentences == ((f'{path}{said}',) if said else ())
 
 
+def test_a_number_that_may_be_cut_off_is_said(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('time_s,pressure_kpa\n0,42.1\n0.1,42.4\n0.2,4')
+    table, sentences = read_table(path, ImportRequest())
+    assert table.counts()['pressure'] == 3
+    assert reasons(sentences) == ['cut_off']
+
+
+def test_the_first_target_is_unseen_at_zero_if_it_is_not_at_the_clamp(tmp_path):
+    path = tmp_path / 'table.csv'
+    for first, refusal in ((50.0, 'placeholder'), (0.0, '')):
+        rows = ((first, 0.1), (0.0, 0.0), (first + 0.4, -0.2), (first - 0.3, 0.1))
+        lines = [f'{0.1 * row},{x},{y}' for row, (x, y) in enumerate(rows)]
+        path.write_text('\n'.join(['time_s,x0_mm,y0_mm', *lines, '']))
+        if refusal:
+            with refused(RecordingError, refusal):
+                read_table(path, ImportRequest())
+        else:
+            assert read_table(path, ImportRequest())[0].counts()['targets'] == 4
+
+
+def test_the_days_of_a_spreadsheet_are_no_seconds(tmp_path):
+    path = tmp_path / 'table.csv'
+    rows = [f'{45000.0 + row * 10.0 / 86400.0:.8f},{row}' for row in range(9)]
+    path.write_text('\n'.join(['Time,pressure_kpa', *rows, '']))
+    with refused(RecordingError, 'no_unit'):
+        read_table(path, ImportRequest())
+
+
 def test_targets_that_are_counted_from_1_are_asked_for(tmp_path):
     path = tmp_path / 'table.csv'
     for first, words in ((0, []), (1, ['target 0 has no columns', 'numbered from 1?'])):

@@ -110,24 +110,6 @@ def test_a_tip_in_blur_is_found_from_neighbors_that_were_found_in_part(arm):
     assert off.max() < 2.0  # px: a radius is 5, its way 17
 
 
-def test_a_cut_off_tip_in_blur_may_be_smaller_than_its_neighbors(arm):
-    """By a third here: as large as these, it would be 1.5 px further out than it is."""
-    composition = Composition(
-        photograph='grass',
-        polarity='bright',
-        disturbances=frozenset({'blur', 'hand', 'uneven'}),
-        frames=30,
-        resting=6,
-        seed=4,
-    )
-    score, length = Score(), (composition.targets - 1) * composition.spacing
-    for frame, tracking, _ in islice(track_film(composition, arm), 20):
-        score.count(tracking, frame, float(np.ptp(arm.target_arclength)) / length)
-    assert (score.false, score.swapped) == (0, 0)
-    assert score.tip_found >= score.tip_visible - 2
-    assert score.numbers()['tip_normalized'] < 2.5
-
-
 def test_a_score_tells_what_is_lost_false_and_swapped():
     frame = Composer(Composition(photograph='brick', polarity='bright')).frame(0)
     seen = unseen_targets(1, 23)

@@ -187,9 +187,6 @@ def _moving_at(
         if len(dots) < settings.fewest:
             continue
         known = known_by(dots, settings)
-        # They tell how their sizes are off what is expected, not how its own is.
-        size_std = math.hypot(known.size_std, expected[target, SIZE_STD])
-        known = known._replace(size_std=size_std)
         for places in starts:
             outline = expected[target].copy()
             outline[[CENTER_U, CENTER_V]] = places[target]
