@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+import functools
 import math
 
 import numpy as np
@@ -98,9 +99,10 @@ def readings(arm: Arm) -> list[float]:
 
 
 def following(solve_at: Callable[[float, Shape | None], Shape]) -> Callable[[float], Shape]:
-    """Return the shape by pressure, each started from the previous one if there was one."""
+    """Return the shape by pressure, each solved once, from the one before if there was one."""
     previous: Shape | None = None
 
+    @functools.cache
     def at(pressure: float) -> Shape:
         nonlocal previous
         shape = solve_at(pressure, previous)
