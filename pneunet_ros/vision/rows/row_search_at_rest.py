@@ -219,7 +219,7 @@ def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Fail
             'within half their spacing. Is one of them too faint (contrast, focus), or '
             'cut off by the end of the arm?',
         )
-    again = view.lens.undistort(found.table[:, :2])
+    again = view.dot_centers(found.table)
     # One beside a slot or a glint is measured again by its neighbors' look: the same target still.
     apart = np.hypot(*(again[: len(at_rest)] - at_rest).T)
     same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, places))

@@ -13,10 +13,18 @@ from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRest
 from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
 from pneunet_ros.vision.dots.blobs import find_areas, same_blobs
-from pneunet_ros.vision.dots.centroid import axes_of, COLUMNS, Mask
+from pneunet_ros.vision.dots.centroid import axes_of, COLUMNS, Mask, U, V
 from pneunet_ros.vision.rest_plane import Failure
 from pneunet_ros.vision.settings import VisionSettings
 
+# Mean, and the parts with one and two waves, of eight points around an outline.
+TURN = 0.25 * math.pi * np.arange(8)
+AROUND = freeze(
+    0.25
+    * np.stack(
+        [0.5 + 0.0 * TURN, np.cos(TURN), np.sin(TURN), np.cos(2.0 * TURN), np.sin(2.0 * TURN)]
+    )
+)
 NONE_TAKEN = freeze(np.empty((0, COLUMNS)))
 NO_AREAS = Failure(
     reason='no_areas',
@@ -53,21 +61,26 @@ class View:
     def dot_centers(self, table: Array) -> Array:
         """Return the centers of dots (n, COLUMNS), normalized (n, 2).
 
-        If a camera looks obliquely, the center of a round dot is not that of its outline, but the
-        pole of the horizon with respect to it.
+        A lens bends the outline of a dot, so that of its undistorted outline is taken. If a camera
+        looks obliquely, it is the pole of the horizon with respect to the outline.
         """
-        places = table[:, :2]
-        outline = self.lens.undistort(places)
-        nearness = self.plane.base_from_normalized[2]
-        if not nearness[:2].any():
-            return outline
-        along_u = self.lens.undistort(np.add(places, (1.0, 0.0))) - outline  # of a pixel
-        along_v = self.lens.undistort(np.add(places, (0.0, 1.0))) - outline
-        xx, xy, yy = axes_of(table).T[:, :, None]
-        first, second = xx * along_u + xy * along_v, xy * along_u + yy * along_v
-        slope = nearness[:2, None]
-        off = first * (first @ slope) + second * (second @ slope)
-        return np.asarray(outline - off / (outline @ slope + nearness[2]))
+        slope, bent = self.plane.base_from_normalized[2], self.lens.distortion.any()
+        if not (bent or slope[:2].any()):
+            return self.lens.undistort(table[:, :2])
+        points = np.empty((AROUND.shape[1], len(table), 2))
+        xx, xy, yy = axes_of(table).T
+        cosine, sine = 4.0 * AROUND[1:3, :, None]
+        points[:, :, 0] = table[:, U] + cosine * xx + sine * xy
+        points[:, :, 1] = table[:, V] + cosine * xy + sine * yy
+        outline = self.lens.undistort(points.reshape(-1, 2)).reshape(len(points), -1)
+        center, first, second, cosine, sine = (AROUND @ outline).reshape(len(AROUND), -1, 2)
+        # What bends an ellipse by two waves around it shifts the one that fits best.
+        size = _cross(first, second)
+        along = (_cross(cosine, second) + _cross(first, sine)) / size
+        aside = (_cross(sine, second) - _cross(first, cosine)) / size
+        center = center + 0.5 * (along[:, None] * first + aside[:, None] * second)
+        pole = first * (first @ slope[:2, None]) + second * (second @ slope[:2, None])
+        return np.asarray(center - pole / (center @ slope[:2, None] + slope[2]))
 
     def round_areas(self) -> RoundAreas:
         """Return candidate areas for blobs, most salient first."""
@@ -85,3 +98,8 @@ class View:
     def appearance(self) -> Appearance:
         """Criteria for a blob."""
         return self.vision.appearance(self.settings)
+
+
+def _cross(first: Array, second: Array) -> Array:
+    """Return the cross products of vectors (n, 2), (n,)."""
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
