@@ -58,6 +58,11 @@ class StampGate:
             return AHEAD, f'the {what} before was stamped ahead of its time'
         return reason, sentence
 
+    def interval(self, stamp_ns: int) -> float:
+        """Return the time (s) since the last message; 0 if unknown, as after a long gap."""
+        seconds = 0.0 if self.last_ns is None else seconds_since(self.last_ns, stamp_ns)
+        return seconds if 0.0 < seconds <= BACKWARD_JUMP else 0.0
+
     def after(self, stamp_ns: int) -> StampGate:
         """Return the counter after one more message."""
         last_ns = self.last_ns

@@ -208,7 +208,7 @@ class Tracker:
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
         if state.row is None:
-            state = replace(state, bits=max(state.bits, reading.bits_used))
+            state = replace(state, bits=reading.bits_used)
         state, tracking = self._take(state, reading.with_bits(state.bits), taken)
         return state, replace(tracking, warning=warning)
 
@@ -353,7 +353,8 @@ class Tracker:
                 return self._unexplained(state, image, found)
             followed = found, start_row(view, found)
         observed, row = followed
-        targets = target_sightings(view, at_stamp(view, observed, row))
+        interval = state.stamps.interval(view.image.stamp_ns)
+        targets = target_sightings(view, at_stamp(view, observed, row, interval))
         curve = None if self.smoother is None else self.smoother.smooth(targets)
         missing = {
             target: Missing(cause, *row.pixels[target].tolist())

@@ -126,12 +126,12 @@ def exposure_of(
     return float(np.clip(along / square, least, seconds))
 
 
-def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
+def at_stamp(view: View, row: ObservedRow, now: TrackedRow, interval: float) -> ObservedRow:
     """Return a row moved to the stamp of its frame.
 
     A rolling shutter sees each target at a different time. A target of unknown motion, such as in
-    the first frame that shows it, may move as fast as it could be followed in frames that follow
-    each other without a pause: it is not moved, but less certain.
+    the first frame that shows it, may move as fast as it could be followed from frame to frame: it
+    is not moved, but less certain. interval (s): from the last image, 0 if unknown.
     """
     shutter, seen = view.settings.shutter, np.isfinite(row.points[:, 0])
     if shutter.is_at_stamp or not seen.any():
@@ -143,7 +143,7 @@ def at_stamp(view: View, row: ObservedRow, now: TrackedRow) -> ObservedRow:
     points, std = row.points.copy(), row.std.copy()
     points[seen] = view.plane.points(normalized)
     scale = view.lens.scale(normalized) * view.plane.scale(normalized)
-    fastest = view.settings.gate * now.spacing / shutter.least_interval
+    fastest = view.settings.gate * now.spacing / max(interval, shutter.least_interval)
     velocity_std = np.where(np.isfinite(now.velocity_std), now.velocity_std, fastest)[seen]
     std[seen] = np.hypot(std[seen], np.abs(seconds) * velocity_std * scale)
     return replace(row, points=points, std=std)
