@@ -38,10 +38,11 @@ def fit_with_effects(refit: Refit) -> Fit:
 def augment_model(refit: Refit, base: Fit) -> Arm:
     """Return the arm, with a covariance of base and effects together."""
     arm, count = base.arm, len(refit.numbers)
-    covariance, _ = low_rank(base, MOST_COLUMNS - count)
+    turned = [run.base_turn_std for run in refit.linearization.runs]
+    covariance, _ = low_rank(base, MOST_COLUMNS - count, base_turn_std=max(turned))
     if not count:
         return replace(arm, covariance=covariance)
-    names, change = base.parameters.quantities()
+    names, (_, change) = covariance.quantities, base.parameters.quantities()
     size, scale = refit.linearization.size, refit.linearization.scale
     joint = refit.gaussian.covariance
     own = joint[-count:, -count:]
@@ -52,7 +53,7 @@ def augment_model(refit: Refit, base: Fit) -> Arm:
     factor = np.zeros((len(names) + count, covariance.factor.shape[1] + count))
     factor[: len(names), :-count] = covariance.factor
     moved = scale @ joint[: len(scale), -count:] @ np.linalg.inv(own) @ root
-    factor[: len(names), -count:] = change @ moved[:size]
+    factor[: len(change), -count:] = change @ moved[:size]
     factor[len(names) :, -count:] = (slopes * stds / np.sqrt(np.diag(own)))[:, None] * root
     quantities = (*names, *(f'effects.{name}.{item.parameter}' for name, item, _ in numbers))
     factor = rounded(factor)
