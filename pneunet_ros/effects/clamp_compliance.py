@@ -23,7 +23,7 @@ class ClampCompliance(Effect):
         0.0,
         unit='rad/(N m)',
         meaning='rotation of the clamp per moment',
-        bounds=(0.0, 1e4),
+        bounds=(0.0, 1e8),
         prior=(0.0, 20.0),
         prior_scales=True,
         source='prior: up to 0.1 rad at the 5 mN m of Table 1',

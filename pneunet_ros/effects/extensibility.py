@@ -22,7 +22,7 @@ class Extensibility(Effect):
         math.inf,
         unit='N',
         meaning='EA; infinite = inextensible',
-        bounds=(0.1, math.inf),
+        bounds=(1e-4, math.inf),
         prior=(5.0, 500.0),
         prior_scales=True,
         source='prior: silicone of E = 0.1 to 3 MPa on 50 to 150 mm^2',

@@ -22,7 +22,6 @@ class PressureOffset(Effect):
         meaning='true pressure when the sensor reads zero',
         bounds=(-2e5, 2e5),
         prior=(-2e3, 2e3),
-        prior_scales=True,
         source='prior: zero drift of common gauges',
     )
 
