@@ -245,9 +245,10 @@ class Search:
         """Return a kind with its best prediction of left-out recordings; None if it has none."""
         law = self.best_law(kind, self.runs)
         swung = self.at_best_position(kind, partial(self.swung, kind, periodic=True))
-        if law is not None and (swung is None or swung.left_out_gain <= law.left_out_gain):
-            return Suspect(cause=law.cause, law=law, swing=None)
-        return swung
+        least = 0.0 if law is None else law.left_out_gain
+        if swung is not None and swung.left_out_gain > least:
+            return swung
+        return None if law is None else Suspect(cause=law.cause, law=law, swing=None)
 
 
 def best_first(suspects: Iterable[Suspect | None]) -> list[Suspect]:

@@ -25,3 +25,12 @@ def test_what_swings_by_itself_is_searched_along_the_arm(monkeypatch, lawful):
     found = object.__new__(Search).suspect(KINDS['push'])
     assert found.law is None
     assert found.cause.position == pytest.approx(place, abs=0.02)
+
+
+def test_what_swings_but_predicts_nothing_is_no_suspect(monkeypatch):
+    swing = SimpleNamespace(left_out_gain=-7.0)
+    monkeypatch.setattr(Search, 'runs', (0, 1, 2))
+    monkeypatch.setattr(Search, 'law', lambda *_: None)
+    monkeypatch.setattr(Search, 'cause', lambda _, kind, at: SimpleNamespace(position=at))
+    monkeypatch.setattr(Search, 'swing', lambda *_, **__: swing)
+    assert object.__new__(Search).suspect(KINDS['push']) is None
