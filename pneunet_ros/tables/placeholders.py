@@ -86,7 +86,7 @@ def places_of(columns: Sequence[Column], numbers: Mapping[str, Array]) -> Iterat
     names = {(column.quantity, column.target): column.name for column in columns}
     for target in sorted({column.target for column in columns if column.target is not None}):
         components = tuple(names[quantity, target] for quantity in TOGETHER)
-        zero = target != 0 or any(_is_far(numbers[name], 0.0) for name in components)
+        zero = target != 0 or any(_is_apart(numbers[name]) for name in components)
         yield Place(label=f'target {target}', deciding=components, names=components, zero=zero)
     tip = tuple(names[name, None] for name in ('tip_x', 'tip_y') if (name, None) in names)
     heading = tuple(names[name, None] for name in ('tip_heading',) if (name, None) in names)
@@ -111,6 +111,12 @@ def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float
         whole = np.all(rest == np.round(rest))
         return bool(rest.size > 1 and np.min(rest) >= 0.0 and rows.sum() > 1 and not whole)
     return _is_far(rest, value)
+
+
+def _is_apart(numbers: Array) -> bool:
+    """Whether zeros stand apart from the other numbers, and are not one of a few rounded ones."""
+    steps = np.diff(np.unique(numbers[np.isfinite(numbers) & (numbers != 0.0)]))
+    return steps.size > 0 and _is_far(numbers, 0.0)
 
 
 def _is_far(numbers: Array, value: float) -> bool:

@@ -318,10 +318,17 @@ def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
     steps = steps[steps > 0.0]  # repeated or decreasing times are rejected with their line
     step = float(np.median(steps)) if steps.size else 0.1
     start, end = (times[0], times[-1]) if times.size else (0.0, 0.0)
-    of_a_day = SPREADSHEET_EPOCH < start < SPREADSHEET_END and 0.0 <= end - start < 1.0
-    if SMALLEST_STEP <= step < LARGEST_STEP and not of_a_day:
+    serial = SPREADSHEET_EPOCH < start < SPREADSHEET_END and 0.0 <= end - start < 1.0
+    if SMALLEST_STEP <= step < LARGEST_STEP and not serial:
         return
     named = written if not any(mark.isspace() for mark in written) else f'"{written}"'
+    if serial:
+        raise RecordingError(
+            f'{path}: the column {written!r} has no unit, and its {times.size} rows go from '
+            f'{start:.12g} to {end:.12g}, which may be the days of a spreadsheet. Name the unit: '
+            f'--rename {named}=time_d for days, {named}=time_s for seconds',
+            reason='no_unit',
+        )
     choices = 'time_ms for milliseconds' if step >= LARGEST_STEP else 'time_d for days (Excel)'
     raise RecordingError(
         f'{path}: the column {written!r} has no unit, and its rows are {step:.3g} apart '

@@ -570,6 +570,13 @@ def test_the_first_target_is_unseen_at_zero_if_it_is_not_at_the_clamp(tmp_path):
             assert read_table(path, ImportRequest())[0].counts()['targets'] == 4
 
 
+def test_a_target_at_the_clamp_is_seen_at_zero_even_in_tenths_of_millimeters(tmp_path):
+    path = tmp_path / 'table.csv'
+    lines = [f'{0.1 * row:.1f},{0.1 * (row % 3 == 1):.1f},0' for row in range(30)]
+    path.write_text('\n'.join(['time_s,x0_mm,y0_mm', *lines, '']))
+    assert read_table(path, ImportRequest())[0].counts()['targets'] == 30
+
+
 def test_the_days_of_a_spreadsheet_are_no_seconds(tmp_path):
     path = tmp_path / 'table.csv'
     rows = [f'{45000.0 + row * 10.0 / 86400.0:.8f},{row}' for row in range(9)]
