@@ -65,9 +65,10 @@ class Experiment:
 
 
 def pressures_at(share: Array, pressure_range: tuple[float, float]) -> Array:
-    """Return pressures (n,) Pa from the end of a range nearest to the atmosphere, share 0."""
-    rest, full = sorted(pressure_range, key=abs)
-    return rest + (full - rest) * share
+    """Return pressures (n,) Pa from that of a range nearest to rest, share 0, to the farthest."""
+    low, high = pressure_range
+    rest = min(max(low, 0.0), high)
+    return rest + (max(pressure_range, key=abs) - rest) * share
 
 
 EXPERIMENTS = (

@@ -10,6 +10,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.diagnosis.experiment_design import Experiment, pressures_at
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +36,9 @@ class SafeSet:
         low, high = arm.pressure_range
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
         force = float(np.hypot(*loads.T).max()) if loads.size else arm.weight
-        # The other sign, if any, is the noise of the gauge at rest.
-        low, high = (max(low, 0.0), high) if high >= -low else (low, min(high, 0.0))
+        # An arm under vacuum ends where its gauge reads noise at rest.
+        rest = DOMAIN.pressure_noise * arm.sensors.pressure_std
+        low, high = (low, min(high, 0.0)) if high <= min(rest, -low) else (max(low, 0.0), high)
         return cls(low=low, high=high, force=force or arm.weight)
 
     def corners(self, experiment: Experiment) -> Array:
