@@ -207,6 +207,11 @@ class Arm:
             return Motion(tip_mass=numbers[0], damping_time=numbers[1])
         return self.motion
 
+    def with_motion(self, motion: Motion) -> Arm:
+        """Return the arm with this inertia, instead of that of a block or an effect."""
+        effects = tuple(effect for effect in self.effects if effect.motion() is None)
+        return dataclasses.replace(self, motion=motion, effects=effects)
+
     def _divide(self, pressure: float) -> None:
         """Find the effects on parts of the arm, at any pressure, and through the end load."""
         at, parts, names = np.array([pressure]), list[Part](), list[str]()

@@ -65,7 +65,8 @@ class MotionFit:
 
     def applied_to(self, arm: Arm) -> Arm:
         """Return an arm with the fitted motion."""
-        return replace(arm, motion=self.motion, sources={**arm.sources, 'motion': self.sentence})
+        moving = arm.with_motion(self.motion)
+        return replace(moving, sources={**arm.sources, 'motion': self.sentence})
 
 
 def fit_motion(
@@ -150,7 +151,7 @@ def fit_motion(
         mass_error=mass_error,
         damping_error=damping_error,
     )
-    found = unloaded_modes(replace(arm, motion=motion, covariance=None))
+    found = unloaded_modes(replace(arm, covariance=None).with_motion(motion))
     assert found is not None
     return MotionFit(
         motion=motion,

@@ -303,7 +303,7 @@ class MotionProblem:
 
 def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
     """Set up the fit of motion to recordings; RequestError if the arm cannot swing."""
-    without_motion = replace(arm, motion=Motion())
+    without_motion = arm.with_motion(Motion())
     modes = unloaded_modes(without_motion)
     if modes is None:
         raise RequestError(
