@@ -83,11 +83,13 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
     moving = [which for which, run in enumerate(runs) if not run.static]
     order = sorted(moving, key=lambda which: runs[which].reading_stamp_ns[[0, -1]].tolist())
     history: tuple[History, ...] | None = None
-    previous_ns = 0
+    previous_ns = started_ns = ended_ns = 0
     for which in order:
         run = runs[which]
-        if run.reading_stamp_ns[0] <= previous_ns:
+        first_ns, last_ns = run.reading_stamp_ns[[0, -1]].tolist()
+        if first_ns < ended_ns or first_ns == started_ns:
             history = None
+        started_ns, ended_ns = first_ns, max(ended_ns, last_ns)
         chamber, histories = np.empty(len(run.pressure)), []
         for index, (stamp, pressure) in enumerate(
             zip(run.reading_stamp_ns.tolist(), run.pressure.tolist(), strict=True)

@@ -113,6 +113,20 @@ def test_runs_whose_stamps_overlap_have_no_past_in_whatever_order_they_are_given
         assert np.array_equal(found.histories[1], alone.histories[1])
 
 
+def test_a_run_within_a_longer_one_has_no_past_whatever_ended_before_it():
+    arm = paper_arm((Softening(loss=0.2),))
+    whole = made(arm, UP_AND_DOWN)
+    first, second = (whole.subset(np.arange(4) + start) for start in (3, 12))
+    inner = [
+        replace(
+            run, reading_stamp_ns=run.stamp_ns, pressure=run.frame_pressure, reading=np.arange(4)
+        )
+        for run in (first, second)
+    ]
+    (alone,) = inputs_of(arm, inner[1:])
+    assert np.array_equal(inputs_of(arm, [whole, *inner])[2].histories[0], alone.histories[0])
+
+
 def test_readings_alone_where_no_effect_has_a_history():
     arm = paper_arm((PressureGain(gain=0.97), ForceMisalignment(angle=0.05)))
     run = made(arm, UP_AND_DOWN, FORCE)

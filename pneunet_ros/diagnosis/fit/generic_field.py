@@ -52,14 +52,15 @@ class Regressors:
         order = sorted(
             range(len(runs)), key=lambda which: runs[which].reading_stamp_ns[[0, -1]].tolist()
         )
-        highest, previous_ns, tables, progress = -np.inf, 0, {}, {}
+        started_ns, ended_ns, highest, tables, progress = 0, 0, -np.inf, {}, {}
         for which in order:
             run, inputs = runs[which], all_inputs[which]
             reached = run.pressure
             if not run.static:
                 first_ns, last_ns = run.reading_stamp_ns[[0, -1]].tolist()
-                highest = highest if first_ns > previous_ns else -np.inf
-                previous_ns = last_ns
+                if first_ns < ended_ns or first_ns == started_ns:
+                    highest = -np.inf
+                started_ns, ended_ns = first_ns, max(ended_ns, last_ns)
                 reached = np.maximum(np.maximum.accumulate(run.pressure), highest)
                 highest = float(reached[-1])
             below = (reached - run.pressure)[run.reading] > LINEARIZATION.unloading * span
