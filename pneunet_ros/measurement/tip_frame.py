@@ -111,13 +111,23 @@ def in_base_frame(
 
     Poses whose frame is not the base frame, or that are out of reach of the arm, are in another
     frame; the clamp is estimated in each frame from the runs without a load. Raises RecordingError
-    if these do not determine it, or if targets are seen as well, which are in the base frame.
+    if these do not determine it. Where targets are seen as well, which are in the base frame,
+    poses of another frame are left out.
     """
     other: dict[str, list[int]] = {}
+    in_base, notes = list(runs), list[Note]()
     for index, run in enumerate(runs):
-        if is_in_other_frame(run, arm, settings):
+        if run.seen.any() and run.tip_pose is not None and run.tip_frame != BASE_FRAME:
+            in_base[index] = run.without_tip_pose()
+            notes.append(
+                Note(
+                    f'{run.name}: tip_pose was not used, because it is in the frame '
+                    f'{run.tip_frame} and the targets are in {BASE_FRAME}',
+                    reason='other_frame',
+                )
+            )
+        elif is_in_other_frame(run, arm, settings):
             other.setdefault(run.tip_frame, []).append(index)
-    in_base, notes = list(runs), []
     for places in other.values():
         found = base_of([runs[index] for index in places], arm, settings)
         names = ', '.join(runs[index].name for index in places)
@@ -151,17 +161,9 @@ def base_of(other: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings
 def is_in_other_frame(
     run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME
 ) -> bool:
-    """Whether the tip poses are in another frame; RecordingError if targets are seen as well."""
-    if run.tip_pose is None:
+    """Whether the tip poses are in another frame, whose position no target determines."""
+    if run.tip_pose is None or run.seen.any():
         return False
-    if run.seen.any():
-        if run.tip_frame == BASE_FRAME:
-            return False
-        raise RecordingError(
-            f'{run.name}: the tip is measured in the frame {run.tip_frame}, the targets in '
-            f'{BASE_FRAME}: give the poses in {BASE_FRAME} too, or leave out one of the two',
-            reason='wrong_frame',
-        )
     distance = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
     return run.tip_frame != BASE_FRAME or bool(
         np.any(distance > settings.out_of_reach * arm.reach)

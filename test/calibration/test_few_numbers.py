@@ -216,11 +216,12 @@ def test_each_frame_of_motion_capture_has_a_clamp_of_its_own():
         assert run.tip_pose[:, :2] == pytest.approx(truth[:, :2], abs=5e-4)
 
 
-def test_poses_of_another_frame_beside_targets_are_refused():
+def test_poses_of_another_frame_beside_targets_are_left_out():
     seen = np.zeros((LEVELS.size, 2))
     both = replace(recorded(poses(), 'mocap'), x=seen, y=seen)
-    with refused(RecordingError, 'wrong_frame'):
-        in_base_frame([both], ARM)
+    (alone,), notes = in_base_frame([both], ARM)
+    assert alone.tip_pose is None
+    assert reasons(notes) == ['other_frame']
 
 
 def test_a_heading_that_was_not_measured_hides_no_turn_past_half_a_circle():
