@@ -474,42 +474,85 @@ def calibrations() -> Figures:
     return found
 
 
-def doubtful() -> Figures:
-    """Calibrate from few targets, arms that the model lacks, and recordings that disagree."""
+@functools.cache
+def calibration_cases() -> dict[str, Any]:
+    """Return calibrations of few targets, of arms that a model lacks, of recordings that disagree.
+
+    Each: recordings without and with a load, the arm, and a moment law if not the default.
+    """
     from pneunet_ros.effects.hysteresis import Hysteresis
     from support.example_arms import paper_arm
     from support.made_datasets import experiments, made, USUAL
 
-    arm, frames = paper_arm(), 24
-    arm = replace(arm, covariance=None, sensors=USUAL)
+    frames = 24
+    arm = replace(paper_arm(), covariance=None, sensors=USUAL)
     free, loaded = experiments(arm, USUAL, frames=frames)
-    places = arm.length * np.array([0.0, 0.35, 0.7, 1.0])
     few = replace(
         arm,
-        target_arclength=places,
+        target_arclength=arm.length * np.array([0.0, 0.35, 0.7, 1.0]),
         sensors=replace(USUAL, placement_std=0.0, registration_std=0.0, drift_std=0.0),
     )
     pulls = np.column_stack([np.linspace(0.05, 0.2, 30), np.linspace(0.0, 0.1, 30)])
-    off = replace(loaded[1], y=1.06 * loaded[1].y)
-    y = loaded[1].y.copy()
-    y[5] += 4e-3
-    slack = paper_arm((Hysteresis(width=3e3),))
-    cases: dict[str, Any] = {
+    up = np.linspace(0.0, 6e4, 30)
+    loop = np.concatenate([up, up[::-1]])
+
+    def strange(factor: float, course: Any, *effects: Any) -> Any:
+        """Return an unloaded recording of an arm that bends less."""
+        model = paper_arm(effects)
+        table = model.intrinsic_curvature
+        model = replace(
+            model, intrinsic_curvature=replace(table, curvature=factor * table.curvature)
+        )
+        return made(model, course, noise=USUAL, start=1000, name=f'bends {factor:g}')
+
+    def scaled(factor: float) -> list[Any]:
+        """Return the loaded recordings, one of them with other heights."""
+        return [loaded[0], replace(loaded[1], y=factor * loaded[1].y), loaded[2]]
+
+    loud = replace(USUAL, pressure_std=1500.0)
+    weak = replace(USUAL, force_std=4e-3)
+    play = Hysteresis(width=2e3)
+    louder, loud_pulls = experiments(arm, loud, frames=frames)
+    return {
+        'two arms': ([free[0], strange(0.93, up[::-1])], [], arm),
+        'two arms in loops': ([strange(1.0, loop), strange(0.96, loop)], [], arm),
+        'two arms with play': ([strange(1.0, loop, play), strange(0.85, loop, play)], [], arm),
         'few targets': (
             [made(few, np.repeat(np.linspace(0.0, 6e4, 5), 6), noise=USUAL)],
             [made(few, np.full(30, 3e4), pulls, noise=USUAL, seed=1)],
             few,
         ),
-        'a recording off': (free, [loaded[0], off, loaded[2]], arm),
-        'frames off': (free, [loaded[0], replace(loaded[1], y=y), loaded[2]], arm),
-        'play': (*experiments(slack, USUAL, frames=frames), arm),
+        'a recording off': (free, scaled(1.06), arm),
+        'a recording a little off': (free, scaled(1.012), arm),
+        'a frame off': (free, [loaded[0], frame_off(loaded[1], 4e-3), loaded[2]], arm),
+        'a frame of each off': (
+            *([frame_off(run, 2.2e-3) for run in runs] for runs in (free, loaded)),
+            arm,
+        ),
+        'loud pressure': (louder[:1], loud_pulls, replace(arm, sensors=loud)),
+        'loud force': (free, experiments(arm, weak, frames=frames)[1], replace(arm, sensors=weak)),
+        'few loaded frames': (free, [loaded[0]], arm),
         'one stiffness': (free, loaded, arm, 'linear'),
+        'a glued patch': (*glued(), arm),
+        'at rest': (at_levels(arm), loaded, arm),
     }
-    return {
-        key: value
-        for name, case in cases.items()
-        for key, value in named(f'{name}:', calibrated(*case)).items()
-    }
+
+
+CALIBRATIONS = (
+    'two arms', 'two arms in loops', 'two arms with play', 'few targets', 'a recording off',
+    'a recording a little off', 'a frame off', 'a frame of each off', 'loud pressure',
+    'loud force', 'few loaded frames', 'one stiffness', 'a glued patch', 'at rest',
+)  # fmt: skip
+
+
+def calibration_of(case: str) -> Callable[[], Figures]:
+    """Return the figures of a calibration."""
+
+    def figures() -> Figures:
+        return named(case, calibrated(*calibration_cases()[case]))
+
+    figures.__name__ = case.replace(' ', '_')
+    return figures
 
 
 def calibrated(free: Any, loaded: Any, arm: Any, kind: str | None = None) -> Figures:
@@ -531,61 +574,10 @@ def calibrated(free: Any, loaded: Any, arm: Any, kind: str | None = None) -> Fig
     return figures | {'covariance': float(np.sum(sizes)), 'columns': float(len(columns))}
 
 
-def disagreeing() -> Figures:
-    """Calibrate from recordings of two arms, of loud sensors, and from few loaded frames."""
-    from pneunet_ros.effects.hysteresis import Hysteresis
-    from support.example_arms import paper_arm
-    from support.made_datasets import experiments, made, USUAL
-
-    frames = 24
-    arm = replace(paper_arm(), covariance=None, sensors=USUAL)
-    free, loaded = experiments(arm, USUAL, frames=frames)
-    up = np.linspace(0.0, 6e4, 30)
-    loop = np.concatenate([up, up[::-1]])
-
-    def strange(factor: float, course: Any, *effects: Any) -> Any:
-        """Return an unloaded recording of an arm that bends less."""
-        model = paper_arm(effects)
-        table = model.intrinsic_curvature
-        model = replace(
-            model, intrinsic_curvature=replace(table, curvature=factor * table.curvature)
-        )
-        return made(model, course, noise=USUAL, start=1000, name=f'bends {factor:g}')
-
-    loud = replace(USUAL, pressure_std=1500.0)
-    weak = replace(USUAL, force_std=4e-3)
-    play = Hysteresis(width=2e3)
-    louder, loud_pulls = experiments(arm, loud, frames=frames)
-    cases: dict[str, Any] = {
-        'two arms': ([free[0], strange(0.93, up[::-1])], [], arm),
-        'two arms, loops': ([strange(1.0, loop), strange(0.96, loop)], [], arm),
-        'two arms with play': ([strange(1.0, loop, play), strange(0.85, loop, play)], [], arm),
-        'loud pressure': (louder[:1], loud_pulls, replace(arm, sensors=loud)),
-        'loud force': (free, experiments(arm, weak, frames=frames)[1], replace(arm, sensors=weak)),
-        'few loaded frames': (free, [loaded[0]], arm),
-        'a recording a little off': (
-            free,
-            [loaded[0], replace(loaded[1], y=1.012 * loaded[1].y), loaded[2]],
-            arm,
-        ),
-        'a frame of each off': (
-            *([frame_off(run) for run in runs] for runs in (free, loaded)),
-            arm,
-        ),
-        'glued': (*glued(), arm),
-        'at rest': (at_levels(arm), loaded, arm),
-    }
-    return {
-        key: value
-        for name, case in cases.items()
-        for key, value in named(f'{name}:', calibrated(*case)).items()
-    }
-
-
-def frame_off(run: Any) -> Any:
-    """Return a recording of which a frame shows the targets elsewhere."""
+def frame_off(run: Any, off: float) -> Any:
+    """Return a recording of which a frame shows the targets elsewhere, by so much (m)."""
     y = run.y.copy()
-    y[5] += 2.2e-3
+    y[5] += off
     return replace(run, y=y)
 
 
@@ -944,7 +936,8 @@ ROOMS = (
     'diagnosis', 'discovery', 'exploration', 'vision',
 )  # fmt: skip
 FIGURES: tuple[Callable[[], Figures], ...] = (
-    shapes, replays, delays, checks, calibrations, doubtful, disagreeing, headings,
+    shapes, replays, delays, checks, calibrations,
+    *(calibration_of(one) for one in CALIBRATIONS), headings,
     pushes, failures, fusions, fused_file,
     *(diagnosis_of(*one) for one in TRIALS), *(law_of(*one) for one in LAWS), exploration,
     films, hard_films, moved_cameras, rows_found, curves,
@@ -1030,7 +1023,6 @@ class FigureSet:
 
     def __init__(self, figures: Callable[[], Figures], numbers: list[Number]) -> None:
         self.figures, self.known = figures, None
-        figures()  # what is made once
         forget()
         begun = time.process_time()
         with counted(numbers) as self.read:

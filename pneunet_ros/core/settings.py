@@ -28,7 +28,7 @@ def setting(
     return field(default=default, metadata=metadata)
 
 
-def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invented') -> Any:
+def tuning(default: Any, meaning: str, *, unit: str = '-', source: str) -> Any:
     """Declare a tuning constant of an algorithm.
 
     unit: SI unit, '-' for none, or the reference of a share or multiple. source: origin of the

@@ -45,13 +45,13 @@ class LinearizationSettings:
         3,
         'Legendre polynomials along the arm, of stretch, of curvature in windows of time, and of '
         'errors of laws; the highest degree of curvature',
-        source='invented',
+        source='sweep',
     )
     time_constants: tuple[float, ...] = tuning(
         (0.3, 3.0, 30.0),
         'of low-passes; the past over the second bends and stretches',
         unit='s',
-        source='invented',
+        source='sweep',
     )
     unloading: float = tuning(
         0.02, 'distance to highest pressure so far', unit='pressure range', source='sweep'

@@ -14,7 +14,7 @@ from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.proposed_effect import effect_class, Parameter, POSITION
 from pneunet_ros.discovery.search import Search
-from pneunet_ros.discovery.settings import LAW, PLACE
+from pneunet_ros.discovery.settings import IDLE, LAW, MOST_TERMS, PLACE, ROUNDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +99,7 @@ class JointFits:
 
     def lengthened(self, proposal: Proposal | None) -> Proposal | None:
         """Return a fit extended by missing terms while they gain enough."""
-        for _ in range(LAW.rounds):
+        for _ in range(ROUNDS):
             if proposal is None:
                 return None
             longer = self.with_missing_terms(proposal)
@@ -128,7 +128,7 @@ class JointFits:
             count = len(proposal.terms)
             ratios = np.abs(proposal.numbers[:count]) / proposal.stds[:count]
             weakest = int(np.argmin(ratios))
-            if ratios[weakest] > LAW.idle:
+            if ratios[weakest] > IDLE:
                 break
             terms = (*proposal.terms[:weakest], *proposal.terms[weakest + 1 :])
             numbers = np.delete(proposal.numbers, weakest)
@@ -183,7 +183,7 @@ class JointFits:
 
     def missing_terms(self, proposal: Proposal) -> tuple[str, ...]:
         """Return terms of the kind that the fit with the law still lacks."""
-        room = LAW.most_terms - len(proposal.terms)
+        room = MOST_TERMS - len(proposal.terms)
         if room <= 0:
             return ()
         search = Search(proposal.trial.refit)

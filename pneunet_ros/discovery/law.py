@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Columns, left_out_gains, Runs
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import Kind
-from pneunet_ros.discovery.settings import LAW
+from pneunet_ros.discovery.settings import LAW, MOST_TERMS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +56,7 @@ def choose_law(cause: Cause, runs: Runs) -> Law | None:
     best: Law | None = None
     chosen: list[int] = []
     gain = 0.0
-    while len(chosen) < LAW.most_terms:
+    while len(chosen) < MOST_TERMS:
         rivals = [term for term in range(len(cause.terms)) if term not in chosen]
         if not rivals:
             break

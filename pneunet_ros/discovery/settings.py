@@ -11,6 +11,10 @@ from pneunet_ros.core.settings import tuning
 
 GRID = 9  # positions tried along the arm, before the best is refined
 REFINEMENTS = 3  # halvings of the distance between positions
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+MOST_TERMS = 3  # of a law
+IDLE = 3.0  # std of a term that may be left out
+ROUNDS = 2  # of fitting a law to the residuals of the last one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +30,6 @@ class CovariateSettings:
 class LawSettings:
     """Settings of the forward selection of terms."""
 
-    most_terms: int = tuning(3, 'terms of a law', source='invented')
     least_gain: float = tuning(
         4.0,
         'gain of a term more in recordings left out, and difference of two kinds',
@@ -38,12 +41,6 @@ class LawSettings:
         'prior std of coefficients, the best is taken',
         unit='prior of the kind',
         source='invented',
-    )
-    idle: float = tuning(
-        3.0, 'size of a term that may be left out', unit='its std', source='invented'
-    )
-    rounds: int = tuning(
-        2, 'rounds of fitting a law to the residuals of the last one', source='invented'
     )
     period_cost: float = tuning(
         5.0,

@@ -25,7 +25,7 @@ from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
 from pneunet_ros.fusion.swinging import propagate_swing
 from pneunet_ros.measurement.blocks.block import FrameInputs
-from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.pressure_error import PressureError, UNREAD
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.gaussian import widen, with_columns
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
@@ -194,8 +194,7 @@ def problem_of(
     growth = None
     seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
     if frame.alone:
-        pressure = unknowns.block(PressureError)
-        std = np.array([pressure.unread * pressure.range])
+        std = np.array([UNREAD * unknowns.block(PressureError).range])
         prior = widen(prior, unknowns.at(PressureError), std)
     else:
         growth = ErrorGrowth(

@@ -28,7 +28,10 @@ class BetweenReadingsSettings:
     """Criteria for changes between readings that interpolation misses."""
 
     noise: float = tuning(
-        2.0, 'size of a second difference that noise does not explain', unit='sigma'
+        2.0,
+        'size of a second difference that noise does not explain',
+        unit='sigma',
+        source='invented',
     )
 
 

@@ -12,13 +12,13 @@ class ReportSettings:
     """Tuning constants of figures and tables: significance and agreement."""
 
     as_noise: float = tuning(
-        1.2, 'largest ratio of residual to noise that is reported as noise', source='invented'
+        1.2, 'largest ratio of residual to noise that is reported as noise', source='sweep'
     )
     hidden_under_load: float = tuning(
         6.0,
         'largest ratio of the residuals of loaded recordings to those of unloaded ones that '
         'counts as agreement; 1.5 to 4 for arms of the virtual lab',
-        source='invented',
+        source='sweep',
     )
 
 

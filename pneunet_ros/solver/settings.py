@@ -48,8 +48,12 @@ class SolverSettings:
         unit='of the length',
         source='sweep: halved and doubled: no figure by more than 3e-8',
     )
-    coarser: float = tuning(32.0, 'detail on half as many panels, at least', unit='detail')
-    shortest: float = tuning(0.05, 'least stretch that rest strain and load may leave')
+    coarser: float = tuning(
+        32.0, 'detail on half as many panels, at least', unit='detail', source='invented'
+    )
+    shortest: float = tuning(
+        0.05, 'least stretch that rest strain and load may leave', source='invented'
+    )
 
 
 SOLVER = SolverSettings()

@@ -46,9 +46,9 @@ class BeamSearchSettings:
         source='convention: three sigma',
     )
     along_std: float = tuning(
-        0.12, 'a target off its place along the row, one sigma', unit='spacing'
+        0.12, 'a target off its place along the row, one sigma', unit='spacing', source='invented'
     )
-    across_std: float = tuning(0.15, 'the same, across', unit='spacing')
+    across_std: float = tuning(0.15, 'the same, across', unit='spacing', source='invented')
     size_std: float = tuning(
         0.35, 'difference of logarithmic areas in a row, one sigma', source='sweep'
     )
@@ -64,6 +64,12 @@ class BeamSearchSettings:
     )  # fmt: skip
     memory: float = tuning(
         0.7, 'weight of the row so far in its spacing and its size', source='sweep'
+    )
+    continues: float = tuning(
+        1.5,
+        'cost of a blob beyond the end, below which a row goes on however well it fits',
+        source='invented: without it, acceptance/painted_dots.py finds more of films 1 and 15, '
+        'and nothing of a third',
     )
     curl: float = tuning(
         7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',

@@ -24,10 +24,6 @@ from pneunet_ros.vision.beam_search import (
     Y,
 )
 
-# Cost of a blob beyond the end, below which a row goes on however well it fits. Invented: without
-# it, acceptance/painted_dots.py finds more of two films, and nothing of a third.
-CONTINUES = 1.5
-
 
 def truncate_row(
     x: Array,
@@ -108,7 +104,7 @@ def continues_beyond(
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
     of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
-    continues = min(CONTINUES, search.odd**2 * of_row)
+    continues = min(search.continues, search.odd**2 * of_row)
     numbers = search_numbers(search)
     return bool(_continues(blobs.table, row, b, spacing, unit, continues, numbers))
 

@@ -10,7 +10,7 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.fusion.belief import first_belief, move_belief, with_walk
 from pneunet_ros.fusion.unknowns import unknowns_of
 from pneunet_ros.measurement.blocks.camera import Camera
-from pneunet_ros.measurement.blocks.model_columns import ModelColumns
+from pneunet_ros.measurement.blocks.model_columns import GUESS_TIME, ModelColumns
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
@@ -117,9 +117,7 @@ def test_what_a_calibration_has_guessed_is_forgotten_and_what_it_knows_is_kept()
     response = np.eye(unknowns.std.size)[columns]
     seen = take_measurement(first, response, np.ones(2), np.full(2, 0.1))
     assert [seen.std(constant), seen.std(guess)] == pytest.approx([0.0995] * 2, rel=1e-3)
-    late = move_belief(
-        unknowns, seen, SECOND + round(20e9 * unknowns.block(ModelColumns).guess_time), SIZE
-    )
+    late = move_belief(unknowns, seen, SECOND + round(20e9 * GUESS_TIME), SIZE)
     assert late.std(constant) == pytest.approx(seen.std(constant))
     assert late.mean[constant] == pytest.approx(seen.mean[constant])
     assert late.std(guess) == pytest.approx(1.0)

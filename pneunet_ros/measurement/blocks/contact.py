@@ -11,6 +11,9 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.blocks.block import Block
 from pneunet_ros.model.part_load import PartLoad
 
+# Halved or doubled, it moves no figure of acceptance/sweep.py.
+WIDTH = 0.018  # of the length of the arm, that a contact presses on
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Push(Block):
@@ -21,12 +24,6 @@ class Push(Block):
 
     scale: float
     length: float
-    width: float = tuning(
-        0.018,
-        'length of the arm that a contact presses on',
-        unit='of the length',
-        source='invented',
-    )
     places: tuple[float, float] = tuning(
         (0.05, 0.98),
         'positions along the arm at which a contact is tried',
@@ -75,12 +72,12 @@ class Push(Block):
         low, high = self.limits
         if not low <= position <= high:
             return None
-        return PartLoad(force=force, place=position, width=self.width * self.length)
+        return PartLoad(force=force, place=position, width=WIDTH * self.length)
 
     def limited_load(self, unknowns: Array) -> PartLoad:
         """Return the push of these unknowns (2,), limited to the arm."""
         low, high = self.limits
         force, position = unknowns.tolist()
         return PartLoad(
-            force=force, place=min(max(position, low), high), width=self.width * self.length
+            force=force, place=min(max(position, low), high), width=WIDTH * self.length
         )

@@ -7,9 +7,13 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.blocks.block import Block, FrameInputs, WrenchSeen
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+
+# Correlation time (s) of errors that a calibration has only guessed: they depend on pressure and
+# load, and so last as long as a constant force. Halved or doubled, it moves no figure of
+# acceptance/sweep.py.
+GUESS_TIME = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,13 +26,6 @@ class ModelColumns(Block):
 
     known: int
     guessed: int
-    guess_time: float = tuning(
-        0.5,
-        'correlation time of errors that a calibration has only guessed: they depend on '
-        'pressure and load, and so last as long as a constant force',
-        unit='s',
-        source='invented',
-    )
 
     @property
     def std(self) -> Array:
@@ -39,7 +36,7 @@ class ModelColumns(Block):
     def times(self) -> Array:
         """Constant, except for guessed errors."""
         constant = np.full(self.known - self.guessed, math.inf)
-        return np.concatenate([constant, np.full(self.guessed, self.guess_time)])
+        return np.concatenate([constant, np.full(self.guessed, GUESS_TIME)])
 
     @property
     def law_columns(self) -> int:

@@ -6,18 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.blocks.block import FrameInputs, Move, Passage, SizedBlock
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
+
+# Halved or doubled, it moves no figure of acceptance/sweep.py.
+UNREAD = 0.5  # of the range: std of a pressure that is no longer measured
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureError(SizedBlock):
     """Error (Pa) of the chamber pressure relative to its reading."""
-
-    unread: float = tuning(
-        0.5, 'std of a pressure that is no longer measured', unit='of the range', source='invented'
-    )
 
     @property
     def std(self) -> Array:

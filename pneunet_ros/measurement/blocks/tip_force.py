@@ -71,7 +71,7 @@ class TipForce(Block):
         source='invented',
     )
     largest_walk: float = tuning(
-        0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)', source='invented'
+        0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)', source='sweep'
     )
     steady_after: float = tuning(
         0.1,
@@ -81,7 +81,7 @@ class TipForce(Block):
         'overconfident',
     )
     walk_time: float = tuning(
-        0.5, 'time after which a force counts as constant again', unit='s', source='invented'
+        0.5, 'time after which a force counts as constant again', unit='s', source='sweep'
     )
     usual_time: float = tuning(
         30.0, 'averaging time of the walk of the force', unit='s', source='invented'

@@ -34,6 +34,7 @@ class SecondOrderSettings:
         'along the leading error; the first one at which both sides have an equilibrium of the '
         'same kind',
         unit='sigma',
+        source='invented',
     )
 
 
