@@ -21,10 +21,10 @@ class BaseFitSettings:
     """Settings of the base refit, and the share of recordings used."""
 
     frames: int = tuning(
-        48, 'frames of every run; neighbors differ by white noise alone', source='invented'
+        48, 'frames of every run; neighbors differ by white noise alone', source='sweep'
     )
     first_frames: int = tuning(
-        24, 'frames of every run for the fit of the base model', source='invented'
+        24, 'frames of every run for the fit of the base model', source='sweep'
     )
 
 
@@ -183,7 +183,7 @@ class LocalizationSettings:
     """Settings of the misfit shares over arclength, pressure, force, time and direction."""
 
     moving: float = tuning(
-        0.02, 'rate of pressure; below it holds', unit='pressure range/s', source='invented'
+        0.02, 'rate of pressure; below it holds', unit='pressure range/s', source='sweep'
     )
     trend: float = tuning(2.0, 'ratio of misfits that is called a difference', source='invented')
     floor: float = tuning(0.1, 'least misfit of a ratio', unit='mean misfit', source='invented')
@@ -203,7 +203,7 @@ class AugmentedModelSettings:
     """Settings of the base model fitted with the effects."""
 
     settled: float = tuning(
-        0.3, 'step at which the fit has converged', unit='std of all', source='invented'
+        0.3, 'step at which the fit has converged', unit='std of all', source='sweep'
     )
 
 

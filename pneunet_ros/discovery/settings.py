@@ -40,7 +40,7 @@ class LawSettings:
         (0.01, 0.1, 1.0),
         'prior std of coefficients, the best is taken',
         unit='prior of the kind',
-        source='invented',
+        source='sweep',
     )
     period_cost: float = tuning(
         5.0,
@@ -100,7 +100,7 @@ class LawConfirmationSettings:
         4,
         'training recordings that show a law in time, and of which halves test a law; of less a '
         'name gives way to it',
-        source='invented',
+        source='sweep',
     )
 
 

@@ -28,16 +28,16 @@ class ReadingFilterSettings:
     """Thresholds at which noise no longer explains a deviation from a straight line."""
 
     corner: float = tuning(
-        25.0, 'significant improvement by a second line', unit='chi squared', source='invented'
+        25.0, 'significant improvement by a second line', unit='chi squared', source='sweep'
     )
     slope: float = tuning(
-        9.0, 'significant improvement by a slope', unit='chi squared', source='invented'
+        9.0, 'significant improvement by a slope', unit='chi squared', source='sweep'
     )
     scatter: float = tuning(
         4.0,
         'significant excess of the chi squared of a line over its mean',
         unit='std',
-        source='invented',
+        source='sweep',
     )
 
 
