@@ -198,6 +198,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'noisy_pressure': 'the noise of the pressure biases the fit',
     'not_at_tip': 'the tip is compared at another place of the arm',
     'not_determined': 'the data do not determine this',
+    'other_frame': 'tip poses were left out, because the targets are in another frame',
     'not_distinguished': 'two quantities cannot be distinguished',
     'not_in_motion': 'the arm does not move',
     'not_loaded': 'a recording given as loaded has no load',
