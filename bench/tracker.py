@@ -219,15 +219,16 @@ def memory(arm, frames: int, shown: bool) -> dict[str, float]:
         state, _ = tracker.step(state, image)
     there_and_back = [*images[7:], *images[-2:7:-1]]
     after: dict[int, float] = {}
+    tenth = max(frames // 10, 1)
     for number in track(range(frames), 'memory', disable=not shown, transient=True):
         image = there_and_back[number % len(there_and_back)]
         state, _ = tracker.step(state, replace(image, stamp_ns=(number + 8) * 33_333_333))
-        if number + 1 in (frames // 10, frames):
+        if number + 1 in (tenth, frames):
             after[number + 1] = resident_megabytes()
     return {
         'frames': frames,
         'explained_share': (state.explained - 3) / frames,
-        'after_a_tenth_mb': after[frames // 10],
+        'after_a_tenth_mb': after[tenth],
         'after_all_mb': after[frames],
     }
 
