@@ -6,12 +6,12 @@ gives the same numbers to the last bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pneunet_ros.core.units import quantities
-from pneunet_ros.effects.arm_size import DIMENSIONS
+from pneunet_ros.effects.arm_size import ArmSize
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
@@ -19,18 +19,10 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Size:
+class Size(ArmSize):
     """How many times as long, as strong and as pressed an arm is."""
 
-    length: float = 1.0
-    force: float = 1.0
-    pressure: float = 1.0
-
-    def of(self, unit: str) -> float:
-        """Return the factor of a quantity of a unit."""
-        length, force, pressure = DIMENSIONS[unit]
-        return self.length**length * self.force**force * self.pressure**pressure
+    __slots__ = ()
 
     def scaled(self, owner: Any, **others: Any) -> Any:
         """Return a dataclass with every quantity in the other size, and other fields as given."""
