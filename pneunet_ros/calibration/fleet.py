@@ -205,22 +205,13 @@ def evaluate(arm: Arm, pressure: float, loaded: bool) -> dict[ArmNumber, float]:
             meaning = f'turning angle of the outer half {at}'
             add('turning_of_outer_half', meaning, 'rad', turning(pressure, outer))
     if loaded and reaches(arm, 0.5 * pressure):
-        value = mean_stiffness(arm, 0.5 * pressure)
+        value = arm.mean_stiffness(0.5 * pressure)
         add('bending_stiffness', f'bending stiffness EI of the whole arm {half}', 'N m^2', value)
     for effect in arm.effects:
         for item in quantities(effect):
             name = f'{effect.name}.{item.name}'
             add(name, name, item.metadata['unit'], float(getattr(effect, item.name)))
     return found
-
-
-def mean_stiffness(arm: Arm, pressure: float) -> float:
-    """Return the bending stiffness (N m^2) of the whole arm: that of its sections in series."""
-    law = arm.moment_law
-    known = np.clip([pressure], *law.pressure_range)
-    (sections,) = law.sections(known, arm.length, arm.weight)
-    lengths = np.diff([*sections[:, 0], arm.length])
-    return float(arm.length / np.sum(lengths / sections[:, 1]))
 
 
 def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int = 0) -> Fleet:

@@ -266,19 +266,22 @@ class Arm:
     def size(self) -> ArmSize:
         """Length, bending stiffness / length^2 and highest pressure relative to the paper's arm.
 
-        The stiffness is that of the whole arm at the lowest pressure of the tables.
+        The stiffness is that at the lowest pressure of the tables.
         """
-        lowest, highest = self.table_range
-        lowest_row = np.array([lowest if math.isfinite(lowest) else 0.0])
-        start, rigidity, _ = self.moment_law.sections(lowest_row, self.length, self.weight)[0].T
-        extent = np.diff(start, append=self.length)
-        force = 1.0 / (self.length * float(np.sum(extent / np.abs(rigidity))))
-        most = max((abs(end) for end in (lowest, highest) if math.isfinite(end)), default=0.0)
+        ends = [end for end in self.table_range if math.isfinite(end)] or [0.0]
+        most = max(map(abs, ends))
         return ArmSize(
             length=self.length / PAPER_LENGTH,
-            force=force / PAPER_FORCE,
+            force=abs(self.mean_stiffness(ends[0])) / self.length**2 / PAPER_FORCE,
             pressure=most / PAPER_PRESSURE if most > 0.0 else 1.0,
         )
+
+    def mean_stiffness(self, pressure: float) -> float:
+        """Return the bending stiffness (N m^2) of the whole arm: its sections in series."""
+        known = np.clip([pressure], *self.moment_law.pressure_range)
+        (sections,) = self.moment_law.sections(known, self.length, self.weight)
+        lengths = np.diff([*sections[:, 0], self.length])
+        return float(self.length / np.sum(lengths / sections[:, 1]))
 
     @property
     def clamp_record(self) -> Array:

@@ -15,7 +15,6 @@ from pneunet_ros.calibration.fleet import (
     compare_arms,
     compared_pressure,
     Fleet,
-    mean_stiffness,
 )
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.model.uncertainty import ModelCovariance
@@ -120,7 +119,7 @@ def test_the_numbers_of_an_arm_and_their_error_bars():
     assert by_name['extensibility.axial_stiffness'] == 40.0
     assert stds['extensibility.axial_stiffness'] == pytest.approx(3.0)
     assert stds['bending_stiffness'] == 0.0
-    assert by_name['bending_stiffness'] == mean_stiffness(arm, 0.5 * top)
+    assert by_name['bending_stiffness'] == arm.mean_stiffness(0.5 * top)
     assert 'bending_stiffness' not in {
         number.name for number in arm_numbers(arm, top, loaded=False).values
     }
@@ -132,7 +131,7 @@ def test_the_numbers_of_an_arm_and_their_error_bars():
 def test_sections_in_series_are_as_soft_as_the_soft_one_lets_them_be():
     arm = paper_arm()
     (sections,) = arm.moment_law.sections(np.array([3e4]), arm.length, arm.weight)
-    value = mean_stiffness(arm, 3e4)
+    value = arm.mean_stiffness(3e4)
     assert sections[:, 1].min() < value < sections[:, 1].max()
 
 
