@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,11 +68,26 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     """Return the inputs of each run; the history carries over from run to run by stamps.
 
     The arm is assumed to have settled at the first pressure before the first run, and to be
-    unchanged between runs. A run that begins before the one before it has ended, such as tables
-    whose time starts at zero, has no past: its arm is settled. Static frames have no history:
-    each is an independent equilibrium.
+    unchanged between runs. Static frames have no history: each is an independent equilibrium.
     """
     return inputs_at_instants(arm, [run.at_instants(arm.frame_delay) for run in runs])
+
+
+def in_time(runs: Sequence[RecordingData]) -> Iterator[tuple[int, bool]]:
+    """Yield the index of each run that is not static, in time, and whether an earlier one goes on.
+
+    None does in a run that begins before they all have ended, such as tables whose time starts at
+    zero: its arm is settled.
+    """
+    ends = {
+        which: tuple(run.reading_stamp_ns[[0, -1]].tolist())
+        for which, run in enumerate(runs)
+        if not run.static
+    }
+    started_ns = ended_ns = 0
+    for which, (first_ns, last_ns) in sorted(ends.items(), key=lambda item: item[1]):
+        yield which, first_ns >= ended_ns and first_ns != started_ns
+        started_ns, ended_ns = first_ns, max(ended_ns, last_ns)
 
 
 def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
@@ -80,16 +95,10 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
     if not arm.acting:
         return tuple(steady_inputs(arm, run) for run in runs)
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}
-    moving = [which for which, run in enumerate(runs) if not run.static]
-    order = sorted(moving, key=lambda which: runs[which].reading_stamp_ns[[0, -1]].tolist())
     history: tuple[History, ...] | None = None
-    previous_ns = started_ns = ended_ns = 0
-    for which in order:
-        run = runs[which]
-        first_ns, last_ns = run.reading_stamp_ns[[0, -1]].tolist()
-        if first_ns < ended_ns or first_ns == started_ns:
-            history = None
-        started_ns, ended_ns = first_ns, max(ended_ns, last_ns)
+    previous_ns = 0
+    for which, goes_on in in_time(runs):
+        run, history = runs[which], history if goes_on else None
         chamber, histories = np.empty(len(run.pressure)), []
         for index, (stamp, pressure) in enumerate(
             zip(run.reading_stamp_ns.tolist(), run.pressure.tolist(), strict=True)

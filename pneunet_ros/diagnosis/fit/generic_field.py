@@ -16,7 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.inputs import in_time, Inputs
 from pneunet_ros.model.arm import Arm
 
 PAST = 'past'  # stands for that over the second of the time constants
@@ -49,20 +49,14 @@ class Regressors:
         low, high = arm.table_range
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
-        order = sorted(
-            range(len(runs)), key=lambda which: runs[which].reading_stamp_ns[[0, -1]].tolist()
-        )
-        started_ns, ended_ns, highest, tables, progress = 0, 0, -np.inf, {}, {}
-        for which in order:
-            run, inputs = runs[which], all_inputs[which]
-            reached = run.pressure
-            if not run.static:
-                first_ns, last_ns = run.reading_stamp_ns[[0, -1]].tolist()
-                if first_ns < ended_ns or first_ns == started_ns:
-                    highest = -np.inf
-                started_ns, ended_ns = first_ns, max(ended_ns, last_ns)
-                reached = np.maximum(np.maximum.accumulate(run.pressure), highest)
-                highest = float(reached[-1])
+        reached_by, highest = [run.pressure for run in runs], -np.inf
+        for which, goes_on in in_time(runs):
+            before = highest if goes_on else -np.inf
+            reached_by[which] = np.maximum(np.maximum.accumulate(runs[which].pressure), before)
+            highest = float(reached_by[which][-1])
+        tables, progress = {}, {}
+        for which, (run, inputs) in enumerate(zip(runs, all_inputs, strict=True)):
+            reached = reached_by[which]
             below = (reached - run.pressure)[run.reading] > LINEARIZATION.unloading * span
             time = run.progress
             progress[which] = time
