@@ -17,7 +17,6 @@ from pneunet_ros.model.shape import Shape
 
 SCANNED = 33  # pressures over the range: of the branches of the search the best one is refined
 EXACT = 1e-6  # of the range of pressures, and of the largest force
-HALVINGS = 52  # of a step of the scan, as float64 has digits: a force that still differs jumps
 
 
 def pressure_for_tip(
@@ -74,7 +73,7 @@ def pressure_for_force(
         return 0.0 if abs(error) <= EXACT * arm.force_scale else error
 
     for low, high in sign_changes(missed, readings(arm)):
-        pressure = halve(missed, low, high)
+        pressure = zero_between(missed, low, high)
         if pressure is not None:
             return pressure, at(pressure)
     pressure, found = nearest(
@@ -145,23 +144,15 @@ def least(
     return float(found.x)
 
 
-def halve(value: Callable[[float], float], low: float, high: float) -> float | None:
+def zero_between(value: Callable[[float], float], low: float, high: float) -> float | None:
     """Return where a function is zero between two signs of it; None if it jumps there."""
-    at_low = value(low)
-    if at_low == 0.0:
-        return low
-    if value(high) == 0.0:
-        return high
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        at_middle = value(middle)
-        if at_middle == 0.0:
-            return middle
-        if at_middle * at_low > 0.0:
-            low = middle
-        else:
-            high = middle
-    return None
+    from scipy.optimize import brentq  # slow to import, and rarely needed
+
+    try:
+        place = float(brentq(value, low, high))
+    except ValueError:  # NaN: it is not defined everywhere between
+        return None
+    return place if value(place) == 0.0 else None
 
 
 def nearest(
