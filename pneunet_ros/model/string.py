@@ -81,7 +81,7 @@ def solve_string(
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
 ) -> Shape:
-    """Return the equilibrium of an arm with a string at its tip; `force` is the total true load.
+    """Return the equilibrium of an arm with a string at its tip; its `force` is the total load.
 
     Args:
         arm: the calibrated arm.

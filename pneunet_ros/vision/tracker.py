@@ -103,7 +103,7 @@ class Polarity:
 class TrackerState:
     """State of a tracker between frames.
 
-    `bits`: the most that were in use of an image until a row was found, kept while it is followed.
+    `bits`: those in use of the last image before a row was found, kept while it is followed.
     `frames` were processed, `explained` of them show the arm; `unexplained` counts the others by
     reason, `rejected` the images that were not processed. `trouble`: why there is no working plane
     for this lens; `still`: by polarity, areas that do not move while no frame shows the arm;
