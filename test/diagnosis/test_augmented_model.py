@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from pneunet_ros.diagnosis.fit.augmented_model import describe_effects
+from pneunet_ros.diagnosis.fit.augmented_model import (
+    augment_model,
+    describe_effects,
+    fit_with_effects,
+)
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 import pytest
-from support.lab_designs import asked
+from support.lab_designs import asked, fitted
 
 
 def fit_of(name: str, std: float, **parameters: float) -> Any:
@@ -63,3 +68,15 @@ def test_each_of_two_effects_takes_up_what_the_law_of_the_other_misses():
 def test_no_law_is_taken_for_exact():
     assert Effect.law_error > 0.0
     assert all(0.0 < kind.law_error < 0.5 for kind in EFFECTS.values())
+
+
+def test_the_error_of_a_base_that_was_found_stays_in_the_model(monkeypatch):
+    """Only a calibration had it: after a diagnosis the clamp was known exactly."""
+    found = fitted('load_offset', 'load_offset')
+    turned = [replace(run, base_turn_std=0.05) for run in found.linearization.runs]
+    monkeypatch.setattr(found.linearization, 'runs', turned)
+    covariance = augment_model(found, fit_with_effects(found)).covariance
+    turn = covariance.factor[covariance.quantities.index('arm.clamp_angle')]
+    assert np.linalg.norm(turn) == pytest.approx(0.05)
+    assert covariance.quantities[-1] == 'effects.load_offset.offset'
+    assert covariance.factor[-1, -1] > 0.0
