@@ -12,8 +12,10 @@ from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.calibration import report as calibration_report
+from pneunet_ros.reports.calibration.figure_data import figure_data
 from pneunet_ros.reports.calibration.figures import calibration_figures
 from pneunet_ros.reports.calibration.force_figures import EstimatedForces, sentences
+from pneunet_ros.reports.calibration.moment_figures import one_moment
 from pneunet_ros.reports.calibration.report import write_report
 from pneunet_ros.reports.calibration.residual_figures import best_sentence
 from pneunet_ros.reports.calibration.tables import flat, law_rows, number_rows
@@ -126,6 +128,17 @@ def test_without_load_only_what_needs_none_is_drawn(coarse):
     assert [item.name[3:] for item in drawn['residuals']] == [
         'residuals_over_frames', 'residuals_over_targets',
     ]  # fmt: skip
+
+
+def test_a_section_in_which_no_target_was_seen_is_not_drawn(coarse):
+    data = figure_data(calibration(), no_news)
+    beyond = data.main_views[0].arclength > 0.2 * data.calibration.arm.length
+    cut = {name: getattr(data.main_views[0], name)[beyond]
+           for name in ('arclength', 'moment', 'curvature', 'intrinsic', 'std')}  # fmt: skip
+    view = replace(data.main_views[0], lines=(None, data.main_views[0].lines[1]), **cut)
+    picture = one_moment(replace(data, main_views=(view,)))
+    labels = [text.get_text() for text in picture.figure.axes[0].get_legend().get_texts()]
+    assert labels and all(label.endswith('s > l1') for label in labels)
 
 
 @pytest.mark.slow

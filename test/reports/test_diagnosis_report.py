@@ -28,7 +28,7 @@ from pneunet_ros.reports.diagnosis.first_screen import (
     evidence_bars,
     missing_sentence,
 )
-from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
+from pneunet_ros.reports.diagnosis.localization_figures import borders, maps, shares
 from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
 from pneunet_ros.reports.diagnosis.report import Given, report_page
 from pneunet_ros.reports.diagnosis.tables import (
@@ -398,3 +398,7 @@ def test_a_p_value_near_zero_is_only_called_smaller():
     assert [p_value_text(value) for value in (0.034, 1e-6, 1e-9, 0.0)] == [
         '0.034', '1e-06', '< 1e-06', '< 1e-06',
     ]  # fmt: skip
+
+
+def test_cells_around_targets_on_a_cap_have_rising_borders():
+    assert np.all(np.diff(borders(np.array([0.0, 0.5, 1.0, 1.1, 1.2]))) > 0.0)

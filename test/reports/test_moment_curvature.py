@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.reports.calibration.figure_data import smoother_of
+from pneunet_ros.reports.paper_views.linearity import change_linearity, PLACES
 from pneunet_ros.reports.paper_views.moment_curvature import (
     curvature_std,
     law_view,
@@ -13,7 +15,6 @@ from pneunet_ros.reports.paper_views.moment_curvature import (
 )
 from pneunet_ros.reports.paper_views.steady_states import find_steady_states, predict_states, thin
 from pneunet_ros.solver.columns import MOMENT, X, Y
-from pneunet_ros.vision.smoother import smoother_for
 import pytest
 from support.small_calibration import ARM, calibration
 
@@ -21,20 +22,30 @@ from support.small_calibration import ARM, calibration
 @pytest.fixture(scope='module')
 def views():
     """Return views of the loaded run of many pressures."""
-    fit = calibration().joint
-    smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
-    some = thin(find_steady_states(fit.runs[2], fit.arm), 5)
-    return [moment_view(fit, smoother, steady_state) for steady_state in some]
+    return views_without([])
 
 
-def test_on_a_shape_of_the_model_the_moment_is_the_model_s():
-    fit = calibration().joint
+def views_without(hidden):
+    """Return views of the loaded run of many pressures in which some targets are never seen."""
+    fit, hide = calibration().joint, np.zeros(ARM.target_arclength.size)
+    hide[hidden] = np.nan
+    some = [replace(one, x=one.x + hide, y=one.y + hide, count=np.where(hide == 0, one.count, 0))
+            for one in thin(find_steady_states(fit.runs[2], fit.arm), 5)]  # fmt: skip
+    return [moment_view(fit, smoother_of(fit), steady_state) for steady_state in some]
+
+
+@pytest.mark.parametrize('tip_cap', [0.0, 0.02])
+def test_on_a_shape_of_the_model_the_moment_is_the_model_s(tip_cap):
+    fit, targets = calibration().joint, ARM.target_arclength
     some = thin(find_steady_states(fit.runs[2], fit.arm), 4)[1:]
-    smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
-    targets = fit.arm.target_arclength
+    places = (1.0 + tip_cap / ARM.length) * targets
+    frame = replace(fit.parameters.frame, tip_cap=tip_cap, target_arclength=places)
+    fit = replace(fit, parameters=replace(fit.parameters, frame=frame))
+    smoother, targets = smoother_of(fit), fit.arm.target_arclength
     for steady_state, field in zip(some, predict_states(fit.arm, some, targets), strict=True):
         exact = replace(steady_state, x=field[X], y=field[Y], count=np.full(targets.size, 1e4))
         view = moment_view(fit, smoother, exact)
+        assert 0.9 * ARM.length < view.arclength[-1] <= ARM.length
         moment = predict_states(fit.arm, [steady_state], view.arclength)[0, MOMENT]
         assert np.max(np.abs(view.moment - moment)) < 0.01 * np.max(np.abs(moment))
 
@@ -48,6 +59,18 @@ def test_the_change_of_curvature_is_about_moment_over_rigidity(views):
     middle = (view.arclength > 0.25 * ARM.length) & (view.arclength < 0.8 * ARM.length)
     expected = view.moment[middle] / sections[0, 1, 1]
     assert np.max(np.abs(view.change[middle] - expected)) < 0.1 * np.max(np.abs(expected))
+
+
+def test_where_the_last_target_is_hidden_no_moment_is_known():
+    for view in views_without([-1]):
+        assert not view.has_moment and view.lines == (None, None)
+        assert np.isfinite(view.change).all()
+
+
+def test_where_no_target_was_seen_nothing_is_straight_in_pressure(views):
+    assert [item.place for item in change_linearity(views, ARM.length)] == list(PLACES)
+    found = change_linearity(views_without(range(11, 23)), ARM.length)
+    assert [item.place for item in found] == [0.2, 0.4]
 
 
 def test_a_line_finds_rigidity_and_intercept(views):

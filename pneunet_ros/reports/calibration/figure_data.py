@@ -41,6 +41,11 @@ class FigureData:
     on_progress: OnProgress
 
     @property
+    def moment_views(self) -> tuple[MomentView, ...]:
+        """The views of the loaded run whose moment is known."""
+        return tuple(view for view in self.main_views if view.has_moment)
+
+    @property
     def loaded(self) -> tuple[FittedRun, ...]:
         """The loaded runs of the joint fit."""
         return tuple(item for item in self.calibration.joint.runs if item.run.loaded)

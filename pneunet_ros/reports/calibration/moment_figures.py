@@ -35,10 +35,10 @@ RIGIDITY_ERROR = 0.3
 
 def moments(data: FigureData) -> Picture | None:
     """Figure 7: M_est along the arm and versus kappa - kappa0, for each load."""
-    if not data.main_views:
+    if not data.moment_views:
         return None
     figure, (along, against) = panels(2)
-    for view in data.main_views:
+    for view in data.moment_views:
         color = data.colors(view.steady_state.pressure)
         along.plot(view.arclength / data.calibration.arm.length, MILLI * view.moment, color=color)
         against.plot(view.change, MILLI * view.moment, color=color, linewidth=1.4)
@@ -52,7 +52,7 @@ def moments(data: FigureData) -> Picture | None:
         xlim=(0.0, 1.0),
     )
     against.set(
-        title='(b) moment against change of curvature; square: clamp',
+        title='(b) moment against change of curvature; square: nearest the clamp',
         xlabel=r'measured $\kappa - \kappa_0$ (1/m)',
         ylabel=r'moment $M_\mathrm{est}$ (mN m)',
     )
@@ -71,10 +71,10 @@ def moments(data: FigureData) -> Picture | None:
 
 def one_moment(data: FigureData) -> Picture | None:
     """Figure 8 (a): the two lines of Eq 10 at one pressure."""
-    if not data.main_views:
+    if not data.moment_views:
         return None
     arm = data.calibration.arm
-    view = nearest_view(data.main_views, PAPER_PRESSURE)
+    view = nearest_view(data.moment_views, PAPER_PRESSURE)
     pressure = float(view.steady_state.inputs.pressure[0])
     figure, (lines, along) = panels(2)
     sections = arm.moment_law.sections(
@@ -86,6 +86,9 @@ def one_moment(data: FigureData) -> Picture | None:
         inside = (view.arclength >= start) & (view.arclength <= stop)
         color = SECTION_COLORS[place]
         name = section_name(place, len(sections))
+        along.axvspan(start / arm.length, stop / arm.length, color=color, alpha=0.08, linewidth=0)
+        if not inside.any():
+            continue
         lines.errorbar(
             view.change[inside],
             MILLI * view.moment[inside],
@@ -117,7 +120,6 @@ def one_moment(data: FigureData) -> Picture | None:
                 linestyle='--',
                 label=f'line through the measured, {name}',
             )
-        along.axvspan(start / arm.length, stop / arm.length, color=color, alpha=0.08, linewidth=0)
     share = view.arclength / arm.length
     draw_band(along, share, view.change, view.std, MEASURED, alpha=0.18)
     along.plot(share, view.change, color=MEASURED, label='measured')
@@ -203,7 +205,7 @@ def law(data: FigureData) -> Picture | None:
         draw_rigidity(axes[0], fitted.pressure, fitted, place, color=color, label=label)
         slopes = [
             (view.steady_state.pressure, item)
-            for view in data.main_views
+            for view in data.moment_views
             for item in [view.lines[place]]
             if item is not None and item.rigidity_std < worst * abs(item.rigidity)
         ]

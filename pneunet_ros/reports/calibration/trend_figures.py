@@ -16,6 +16,7 @@ from pneunet_ros.reports.paper_views.linearity import (
     change_linearity,
     intrinsic_linearity,
     Linearity,
+    PLACES,
 )
 from pneunet_ros.reports.paper_views.sensitivity import FACTORS, Variation, variations
 from pneunet_ros.reports.style import (
@@ -136,7 +137,8 @@ def linearity(data: FigureData) -> Picture | None:
 
 def draw_lines(axes: Axes, lines: Sequence[Linearity]) -> None:
     """Draw values with bars, and straight lines through them."""
-    for place, item in enumerate(lines):
+    for item in lines:
+        place = PLACES.index(item.place)
         color = PLACE_COLORS[place]
         x = kilopascals(1.0) * item.pressure
         draw_errors(

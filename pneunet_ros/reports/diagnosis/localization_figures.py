@@ -90,7 +90,8 @@ def borders(places: Array) -> Array:
         return np.array([places[0] - 0.5 * ALONE, places[0] + 0.5 * ALONE])
     middle = 0.5 * (places[1:] + places[:-1])
     first, last = 2.0 * places[0] - middle[0], 2.0 * places[-1] - middle[-1]
-    return np.concatenate([[max(first, 0.0)], middle, [min(last, 1.0)]])
+    # Not beyond the clamp, nor beyond the soft part or what was seen of a cap.
+    return np.concatenate([[max(first, 0.0)], middle, [min(last, max(1.0, places[-1]))]])
 
 
 def shares(data: FigureData) -> Picture | None:

@@ -84,16 +84,17 @@ def intrinsic_linearity(fit: Fit) -> tuple[Linearity, ...]:
 
 
 def change_linearity(views: Sequence[MomentView], length: float) -> tuple[Linearity, ...]:
-    """Return measured kappa - kappa0 over the pressures of one recording, at all places.
+    """Return measured kappa - kappa0 over the pressures of one recording, at all places seen.
 
     The load changes with pressure as in the recording. The error of kappa0 is taken as independent
     between pressures.
     """
-    pressure = np.array([view.steady_state.pressure for view in views])
     found = []
     for place in PLACES:
         at = place * length
-        value = np.array([np.interp(at, view.arclength, view.change) for view in views])
-        std = np.array([np.interp(at, view.arclength, view.std) for view in views])
+        seen = [view for view in views if view.arclength[0] <= at <= view.arclength[-1]]
+        pressure = np.array([view.steady_state.pressure for view in seen])
+        value = np.array([np.interp(at, view.arclength, view.change) for view in seen])
+        std = np.array([np.interp(at, view.arclength, view.std) for view in seen])
         found.append(straight(place, pressure, value, np.diag(std**2)))
     return tuple(item for item in found if item is not None)

@@ -45,9 +45,10 @@ class Line:
 class MomentView:
     """Eq 9 for one steady state, along stations (m) between its first and last seen target.
 
-    moment: M_est (N m); curvature, intrinsic: measured kappa, and kappa0 of the model (1/m, per
-    unstretched length); std: that of their difference. lines: Eq 10, one line per section of the
-    fitted law; a section with too few targets has none.
+    The rigid cap is left out. moment: M_est (N m), NaN if the last target was not seen; curvature,
+    intrinsic: measured kappa, and kappa0 of the model (1/m, per unstretched length); std: that of
+    their difference. lines: Eq 10, one line per section of the fitted law; a section with too few
+    targets has none.
     """
 
     steady_state: SteadyState
@@ -63,16 +64,22 @@ class MomentView:
         """Measured kappa - kappa0 (1/m)."""
         return np.asarray(self.curvature - self.intrinsic)
 
+    @property
+    def has_moment(self) -> bool:
+        """Whether M_est is known."""
+        return bool(np.isfinite(self.moment[0]))
+
 
 def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> MomentView | None:
     """Return the view of one steady state; None if too few targets were seen for a curve."""
     arm = fit.arm
     curve = smoother.smooth(steady_state.sightings(arm.sensors.target_std))
-    if curve is None or curve.arclength.size < 2:
+    soft = 0 if curve is None else np.count_nonzero(curve.arclength <= arm.length)
+    if curve is None or soft < 2:
         return None
     s = curve.arclength
     # The smoothed curve ends at the last target: straight on from there to the free end.
-    left = arm.length - s[-1]
+    left = arm.reach - s[-1] if np.isfinite(steady_state.x[-1]) else np.nan
     tip = (
         curve.x[-1] + left * np.cos(curve.theta[-1]),
         curve.y[-1] + left * np.sin(curve.theta[-1]),
@@ -84,11 +91,11 @@ def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> Mome
     model_std = curvature_std(fit, np.array([chamber]), s / arm.length)[0]
     view = MomentView(
         steady_state=steady_state,
-        arclength=s,
-        moment=(tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment,
-        curvature=curve.curvature * stretch,
-        intrinsic=intrinsic,
-        std=np.hypot(curve.std_curvature, model_std),
+        arclength=s[:soft],
+        moment=((tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment)[:soft],
+        curvature=(curve.curvature * stretch)[:soft],
+        intrinsic=intrinsic[:soft],
+        std=np.hypot(curve.std_curvature, model_std)[:soft],
         lines=(),
     )
     places = arm.target_arclength[np.isfinite(steady_state.x)]
@@ -115,13 +122,13 @@ def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> Mom
 def line(
     view: MomentView, inside: npt.NDArray[np.bool_], targets: int, start: float, stop: float
 ) -> Line | None:
-    """Fit the line through some stations of a view; None with too few targets.
+    """Fit the line through some stations of a view; None with too few targets or no moment.
 
     The error is in kappa, not in M_est, so kappa - kappa0 is regressed on the moment; the reverse
     would underestimate the rigidity. Stations between targets add no information: standard errors
     count targets.
     """
-    if targets < LEAST_TARGETS or np.count_nonzero(inside) < LEAST_TARGETS:
+    if min(targets, int(np.count_nonzero(inside))) < LEAST_TARGETS or not view.has_moment:
         return None
     moment, change = view.moment[inside], view.change[inside]
     weight = targets / np.count_nonzero(inside) / view.std[inside] ** 2
