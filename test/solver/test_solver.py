@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections import Counter
 import dataclasses
 import json
@@ -611,7 +612,7 @@ def test_the_fingerprint_is_of_all_files_here_that_kernels_come_from(tmp_path):
     # A module that moved once left the fingerprint: it was looked for by its old name.
     package = tmp_path / 'package'
     shutil.copytree(Path(jit.__file__).parents[2], package, ignore=shutil.ignore_patterns('*.pyc'))
-    decorated = re.compile(r'^\s*@(kernel|inner|inlined)$', re.MULTILINE)
+    decorated = re.compile(r'^\s*@(kernel|inner|inlined|summing)$', re.MULTILINE)
     files = {file for file in package.rglob('*.py') if decorated.search(file.read_text())}
     assert len(files) > 20
     compiling = {
@@ -624,3 +625,39 @@ def test_the_fingerprint_is_of_all_files_here_that_kernels_come_from(tmp_path):
         assert jit.fingerprint(package) != whole, file
         file.write_bytes(content)
     assert jit.fingerprint(package) == whole
+
+
+def test_kernels_use_no_name_of_a_file_that_is_not_in_the_fingerprint():
+    root = Path(jit.__file__).parents[3]
+    hashed = {file for file in root.glob('pneunet_ros/**/*.py')
+              if 'core.kernels.jit import' in file.read_text()}  # fmt: skip
+    sources = {(file, *one) for file in hashed for one in used_by_kernels(file)}
+    assert len(sources) > 50
+    for file, module, name in sources:
+        base = root.joinpath(*module.split('.'))
+        (source, *_) = [
+            path
+            for path in (base / f'{name}.py', base.with_suffix('.py'), base / '__init__.py')
+            if path.exists()
+        ]
+        assert source in hashed, (file, name)
+
+
+def used_by_kernels(file):
+    """Yield (module, name) of what kernels of a file and their constants import from us."""
+    tree = ast.parse(file.read_text())
+    imported = {alias.asname or alias.name: (node.module, alias.name)
+                for node in tree.body if isinstance(node, ast.ImportFrom)
+                and node.module.startswith('pneunet_ros') for alias in node.names}  # fmt: skip
+    constants = {name.id: node.value for node in tree.body if isinstance(node, ast.Assign)
+                 for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)}  # fmt: skip
+    kernels = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
+               and {ast.unparse(one) for one in node.decorator_list}
+               & {'kernel', 'inner', 'inlined', 'summing'}]  # fmt: skip
+    todo = [part for node in kernels for part in (*node.body, *node.args.defaults)]
+    while todo:
+        for node in ast.walk(todo.pop()):
+            if isinstance(node, ast.Name):
+                todo += [constants.pop(node.id)] if node.id in constants else []
+                if node.id in imported:
+                    yield imported[node.id]
