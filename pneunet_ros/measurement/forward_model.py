@@ -15,7 +15,6 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
-from pneunet_ros.model.equilibrium import HeadingSearch
 from pneunet_ros.model.intrinsic_curvature import over_meters, rotation_pieces
 from pneunet_ros.model.record import owners
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
@@ -39,7 +38,7 @@ from pneunet_ros.solver.frame_series import (
     start_at_points,
 )
 from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, MOST_TURNS, SOLVER, TURNED
+from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, SOLVER, TURNED
 
 LOAD_STEP = 1e-4  # of weight and length: difference step where effects depend on the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
@@ -111,16 +110,20 @@ class ForwardModel:
         if not np.isfinite(self.heading).all():
             self.solve_on_mesh(arm, rods, loads)
             self.heading = np.nan_to_num(self.headings)
-        search = HeadingSearch(self.heading)
-        missed = np.zeros(0)
-        for _ in range(MOST_TURNS):
-            self.solve_on_mesh(arm, rods.pointed(search.heading), loads)
-            self.heading = search.heading
-            found = np.where(self.solved[:, None], self.headings, self.heading)
-            missed = np.abs(found - self.heading).max(axis=1)
-            if search.turn(found) <= TURNED:
-                return
-        self.solved &= missed <= TURNED
+        least, none = np.full(len(loads), np.inf), np.zeros((0, 2), dtype=np.int64)
+        while True:
+            self.solve_on_mesh(arm, rods.pointed(self.heading), loads)
+            missed = np.where(self.solved[:, None], self.headings - self.heading, np.inf)
+            most = np.abs(missed).max(axis=1)
+            searched = (most > TURNED) & (most < least)
+            if not searched.any():
+                break
+            least = most
+            _, by_heading = self.linearized(rods, loads, none, rods.rotation[:0])
+            implicit = self.implicit(by_heading)[searched]
+            turn = np.linalg.solve(implicit, missed[searched][..., None])
+            self.heading[searched] += turn[..., 0]
+        self.solved &= most <= TURNED
         self.every_field[~self.solved] = np.nan
 
     @property
@@ -248,6 +251,20 @@ class ForwardModel:
         self, rods: Rods, loads: Array, columns: Columns, rotation: Array
     ) -> Array:
         """Return derivatives of true fields by inputs of the records, with pushes that rotate."""
+        jacobian, by_heading = self.linearized(rods, loads, columns, rotation)
+        if by_heading.size:
+            direct = self.at_pushes(jacobian)
+            turns = np.linalg.solve(self.implicit(by_heading), direct.transpose(0, 2, 1))
+            jacobian = jacobian + np.einsum('npi,npfk->nifk', turns, by_heading)
+        return np.asarray(jacobian[..., np.searchsorted(self.stations, self.arclength)])
+
+    def linearized(
+        self, rods: Rods, loads: Array, columns: Columns, rotation: Array
+    ) -> tuple[Array, Array]:
+        """Return derivatives of true fields at the stations, with the headings of pushes fixed.
+
+        The second array (frames, pushes, 6, stations) is by these headings.
+        """
         pushed = np.flatnonzero(rods.push.any(axis=(0, 1)))
         push_columns = [
             [section, column] for column in (LOAD_X, LOAD_Y) for section in pushed.tolist()
@@ -260,7 +277,7 @@ class ForwardModel:
         jacobian = np.empty((len(loads), inputs + len(push_columns), 6, self.stations.size))
         linearize_frames(pointed, loads, self.solutions(), rotation, every, steps, jacobian)
         if not pushed.size:
-            return jacobian[..., np.searchsorted(self.stations, self.arclength)]
+            return jacobian, jacobian[:, :0]
         # Per heading: the line loads of its push turn, (frames, pushes, 2 pushed sections).
         turning = np.concatenate(
             [
@@ -269,13 +286,20 @@ class ForwardModel:
             ],
             axis=2,
         )
-        by_heading = np.einsum('nps,nsfk->npfk', turning, jacobian[:, inputs:])
-        push_stations = np.searchsorted(self.stations, self.push_place)
-        implicit = np.eye(self.push_place.size) - by_heading[:, :, THETA][:, :, push_stations]
-        direct = jacobian[:, :inputs, THETA][:, :, push_stations]
-        turns = np.linalg.solve(implicit.transpose(0, 2, 1), direct.transpose(0, 2, 1))
-        jacobian = jacobian[:, :inputs] + np.einsum('npi,npfk->nifk', turns, by_heading)
-        return np.asarray(jacobian[..., np.searchsorted(self.stations, self.arclength)])
+        return jacobian[:, :inputs], np.einsum('nps,nsfk->npfk', turning, jacobian[:, inputs:])
+
+    def at_pushes(self, jacobian: Array) -> Array:
+        """Return the derivatives (frames, inputs, pushes) of the headings at the pushes."""
+        places = np.searchsorted(self.stations, self.push_place)
+        return np.asarray(jacobian[:, :, THETA][:, :, places])
+
+    def implicit(self, by_heading: Array) -> Array:
+        """Return the matrices (frames, pushes, pushes) by which headings follow what turns them.
+
+        Each is the transposed derivative of a heading less the heading that it causes.
+        """
+        turned = np.eye(self.push_place.size) - self.at_pushes(by_heading)
+        return turned.transpose(0, 2, 1)
 
     def difference(self, arm: Arm, low: Inputs, high: Inputs) -> Array:
         """Return the displacement of the points and the last heading, (frames, 2 stations + 1).

@@ -44,7 +44,6 @@ from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import (
     MOST_PANELS,
-    MOST_TURNS,
     NEWTON_ITERATIONS,
     SOLVER,
     SolverSettings,
@@ -56,7 +55,7 @@ from pneunet_ros.solver.solution import SolverNodes
 DEFAULT_STATIONS = 57
 NO_PANELS = np.zeros((0, 0, PANEL_WIDTH))
 TURN_STEP = 1e-4  # rad: step of central differences of the heading of a push
-SLOPES = (-3.0, 0.7)  # taken for possible: of the heading of an arm by where it is pushed
+LEAST_GROWTH = 2.0**-5  # of pushes, between neighbors: an arm that needs less is at a fold
 NO_ENDS = np.zeros((0, END_WIDTH))
 CONVERGED = {  # status of an equilibrium, by its stability
     None: 'converged, stability not defined (negative rigidity)',
@@ -231,50 +230,63 @@ def solve_rod(
         start = without.solution
         if start is None:
             return without
-    search = HeadingSearch(headings(start, rods)[None])
-    for _ in range(MOST_TURNS):
-        pointed = rods.pointed(search.heading)
-        shape = solve_dead_loads(arm, pointed, load, start, arclength, settings, quick)
-        start = shape.solution
-        if start is None:
-            return shape
-        if search.turn(headings(start, rods)[None]) <= TURNED:
-            return shape
-        if quick and search.diverges:
-            break
-    sentence = 'no equilibrium found with a push that rotates with the arm'
-    return failed_shape(arm, load, arclength, sentence, shape.residual, shape.iterations)
+    return solve_pushed(arm, rods, load, start, arclength, settings, quick)
 
 
-class HeadingSearch:
-    """Search for the headings (rods, pushes) rad at which a rod and its pushes are in equilibrium.
+def solve_pushed(
+    arm: Arm,
+    rods: Rods,
+    load: Load,
+    start: SolverNodes,
+    arclength: Array,
+    settings: SolverSettings,
+    quick: bool,
+) -> Shape:
+    """Solve a rod like `solve_rod`, with pushes that turn with it, from a neighbor.
 
-    Each heading has its own secant method; its first step goes to the heading that the solution
-    has. The search counts as diverging if the error has grown twice, because a single increase is
-    common even if the search converges.
+    The pushes grow in steps if their headings are not found at once, unless it must be quick.
     """
+    grown, step = 0.0, 1.0
+    while True:
+        share = min(grown + step, 1.0)
+        growing = rods._replace(push=share * rods.push)
+        shape = find_headings(arm, growing, load, start, arclength, settings)
+        if shape.solution is not None:
+            start, grown = shape.solution, share
+            if grown == 1.0:
+                return shape
+        elif quick or step < LEAST_GROWTH:
+            return shape
+        else:
+            step *= 0.5
 
-    __slots__ = ('before', 'diverges', 'found', 'grew', 'heading', 'most')
 
-    def __init__(self, heading: Array) -> None:
-        self.heading, self.before, self.found = heading, heading, heading
-        self.most, self.grew, self.diverges = math.inf, False, False
-
-    def turn(self, found: Array) -> float:
-        """Set the next headings; return the largest error (rad) of the current ones."""
-        missed = found - self.heading
-        moved = self.heading - self.before
-        safe = np.where(moved == 0.0, 1.0, moved)
-        slope = np.where(moved == 0.0, 0.0, (found - self.found) / safe)
-        slope = np.clip(slope, *SLOPES)
-        self.before, self.found = self.heading, found
-        self.heading = self.heading + missed / (1.0 - slope)
-        most = float(np.abs(missed).max(initial=0.0))
-        grows = most > self.most
-        self.diverges = self.diverges or (grows and self.grew)
-        self.grew = self.grew or grows
-        self.most = most
-        return most
+def find_headings(
+    arm: Arm,
+    rods: Rods,
+    load: Load,
+    start: SolverNodes,
+    arclength: Array,
+    settings: SolverSettings,
+) -> Shape:
+    """Find the headings of pushes by Newton's method; fails where their errors do not shrink."""
+    heading, least = headings(start, rods), math.inf
+    while True:
+        pointed = rods.pointed(heading[None])
+        shape = solve_dead_loads(arm, pointed, load, start, arclength, settings, quick=True)
+        if shape.solution is None:
+            return shape
+        start = shape.solution
+        missed = headings(start, rods) - heading
+        most = float(np.abs(missed).max())
+        if most <= TURNED:
+            return shape
+        if most >= least:
+            sentence = 'no equilibrium found with a push that rotates with the arm'
+            return failed_shape(arm, load, arclength, sentence, most, shape.iterations)
+        single = linearize_singly(start, rods, turns(rods, heading))
+        slopes = turned_by(single, rods.push_place)[LOADS:].T
+        heading, least = heading + np.linalg.solve(np.eye(heading.size) - slopes, missed), most
 
 
 def headings(solution: SolverNodes, rods: Rods) -> Array:
@@ -464,16 +476,28 @@ def linearize_shape(
         if changes is not None:
             # The loads' causes come before those of the turns here.
             every = replace(changes.pointed(heading), by_load=False).followed_by(every)
-    panels, ends = changes_on_mesh(solution, every)
+    single = linearize_singly(solution, rods, every)
+    by_load = changes is not None and changes.by_load
+    if not (by_load or rods.push_place.size):
+        return single
+    mixing = mixing_of(single, rods, changes)
+    return replace(single, mixing=mixing, tip=freeze(mixing @ single.tip))
+
+
+def linearize_singly(
+    solution: SolverNodes, rods: Rods, changes: Perturbation | None
+) -> Sensitivity:
+    """Linearize a solved rod whose pushes keep their directions."""
+    panels, ends = changes_on_mesh(solution, changes)
     nodes, tip, stable = linearized_ends(solution, panels, ends)
     rotation = np.zeros((0, *rods.rotation.shape[1:]))
-    if every is not None:
-        scale, (before, after) = 1.0 / every.distance, every.rotation
-        if not every.same_places:
-            before, after = moved_to(every.rotation, rods.knots[:-1] - every.knots[..., :-1])
+    if changes is not None:
+        scale, (before, after) = 1.0 / changes.distance, changes.rotation
+        if not changes.same_places:
+            before, after = moved_to(changes.rotation, rods.knots[:-1] - changes.knots[..., :-1])
         rotation = scale[:, None, None] * (after - before)
     positive = min(solution.panels[:, PANEL_FLEXIBILITY].tolist()) > 0.0
-    single = Sensitivity(
+    return Sensitivity(
         tip=freeze(tip),
         stable=stable if positive else None,
         solution=solution,
@@ -484,11 +508,14 @@ def linearize_shape(
         rotation_changes=rotation,
         node_changes=nodes,
     )
-    by_load = changes is not None and changes.by_load
-    if not (by_load or rods.push_place.size):
-        return single
-    mixing = mixing_of(single, rods, changes)
-    return replace(single, mixing=mixing, tip=freeze(mixing @ tip))
+
+
+def turned_by(single: Sensitivity, places: Array) -> Array:
+    """Return the rotation (causes, pushes) rad of the arm at its pushes by each single cause."""
+    order = np.argsort(places)
+    turned = np.empty((len(single.node_changes), places.size))
+    turned[:, order] = single.stations(places[order])[:, THETA]
+    return turned
 
 
 def turns(rods: Rods, heading: Array) -> Perturbation:
@@ -516,13 +543,11 @@ def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> 
         mixing[:LOADS, causes : causes + LOADS] = np.eye(LOADS)
     if not pushes:
         return mixing
-    order = np.argsort(rods.push_place)
-    places = rods.push_place[order]
-    turned = np.empty((total, pushes))
-    turned[:, order] = single.stations(places)[:, THETA]
+    turned = turned_by(single, rods.push_place)
     if changes is not None:  # at a place that moves along the arm, the heading changes
+        order = np.argsort(rods.push_place)
         curvature = np.empty(pushes)
-        curvature[order] = single.fields(places)[CURVATURE]
+        curvature[order] = single.fields(rods.push_place[order])[CURVATURE]
         moved = (changes.push_place[1] - changes.push_place[0]) / changes.distance[:, None]
         turned[LOADS : LOADS + len(moved)] += moved * curvature
     direct = mixing[:, : total - pushes] @ turned[: total - pushes]
