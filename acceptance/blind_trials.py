@@ -111,6 +111,7 @@ def show(summary: Row) -> None:
     console.print(table)
     for hidden, answers in summary['confusion'].items():
         console.print(f'{hidden}: ' + ', '.join(f'{k} {v}' for k, v in answers.items()))
+    console.print(f'did not settle, and count as visible: {summary["unsettled"]}')
     for sentence in summary['failed']:
         console.print(f'failed: {sentence}')
     others = Table(title='Methods on the same trials')

@@ -158,20 +158,24 @@ def judge(row: Row) -> Row:
 
 
 def summary_of(rows: list[Row]) -> Row:
-    """Return rates over trials, of all causes and of each."""
+    """Return rates over trials, of all causes and of each.
+
+    A trial without an excess, as its diagnosis failed or did not settle, counts as one in which
+    the cause should have been found.
+    """
     out: Row = {'trials': len(rows), 'causes': {}}
-    clean = [row for row in rows if row['block'] != 'causes' and row['answer'] != 'not made']
+    made = [row for row in rows if row['answer'] != 'not made']
+    clean = [row for row in made if row['block'] != 'causes' and row['excess']]
     out['false_laws'] = sum(bool(row['found']) for row in clean)
     out['without_cause'] = len(clean)
-    out['failed'] = sum(row['answer'] == 'failed' for row in rows)
+    out['unsettled'] = sum(not row['excess'] for row in made)
     for name in ['all', *CAUSES]:
         own = [
             row
-            for row in rows
+            for row in made
             if row['block'] == 'causes'
             and name in ('all', row['name'])
-            and row['excess'] > ABOVE
-            and row['answer'] in ('unknown', 'named', 'inseparable')
+            and (not row['excess'] or row['excess'] > ABOVE)
         ]
         judged = [judge(row) for row in own]
         given = [item for item in judged if item['given']]
@@ -199,8 +203,7 @@ def show(summary: Row) -> None:
     console = Console()
     console.print(
         f'{summary["trials"]} trials; a law where none is: {summary["false_laws"]} of '
-        f'{summary["without_cause"]}; ended in an error, and counted nowhere below: '
-        f'{summary["failed"]}'
+        f'{summary["without_cause"]}; did not settle, and count as above: {summary["unsettled"]}'
     )
     table = Table()
     columns = (

@@ -182,6 +182,17 @@ def test_an_effect_without_evidence_is_detectable_where_it_is_large_enough():
     assert detectable(hidden, answer('none', detectable={'camera_scale': said}), 'camera_scale')
 
 
+def test_a_diagnosis_that_does_not_settle_misses_an_effect_that_counts():
+    pairs = [
+        (truth('single', ROTATED), answer('named', ['camera_rotation'], of='camera_rotation')),
+        (truth('single', ROTATED), answer('failed', failed='refused')),
+        (truth('single', ROTATED), answer('unknown')),
+    ]
+    found = summary_of(pairs)
+    assert (found['single']['alone']['count'], found['single']['alone']['of']) == (1, 3)
+    assert found['single']['faint_wrong']['of'] == 0
+
+
 def test_of_several_effects_each_must_show_beside_the_others():
     both = {'gravity': {'weight_y': 0.1}, 'camera_rotation': {'angle': 0.002}}
     hidden = truth('pairs', both) | {'shown_beside': {'gravity': 900.0, 'camera_rotation': 4.0}}

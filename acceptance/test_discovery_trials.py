@@ -75,13 +75,16 @@ def test_rates_are_over_causes_that_are_large_enough():
         row('push', 'bump', excess=discovery_trials.ABOVE),
         row('clean', 'push', block='clean'),
         row('clean', block='clean'),
+        row('clean', block='clean', answer='failed', excess=0.0),
         row('push', answer='failed', excess=0.0),
+        row('push', answer='none'),
+        row('push', answer='not made', excess=0.0),
     ]
     summary = summary_of(rows)
     assert (summary['false_laws'], summary['without_cause']) == (1, 2)
-    assert summary['failed'] == 1
+    assert summary['unsettled'] == 2
     found = summary['causes']['push']
-    assert (found['above'], found['given'], found['in_set'], found['alone']) == (2, 1, 1, 1)
+    assert (found['above'], found['given'], found['in_set'], found['alone']) == (4, 1, 1, 1)
 
 
 @pytest.mark.slow

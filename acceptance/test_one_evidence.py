@@ -54,3 +54,11 @@ def test_an_uneven_arm_in_which_nothing_is_hidden_may_be_unobservable():
     assert [outcome(said, name) for name in ('today', 'evidence')] == ['right', 'false name']
     hidden = said | {'truth': {'effects': {}, 'strain': 0.1}}
     assert outcome(hidden, 'today') == 'unobservable'
+
+
+def test_what_no_engine_settled_on_is_not_invisible():
+    failed = {'answer': 'failed', 'effects': [], 'alternatives': [], 'evidence': []}
+    row = {'block': 'rated_single', 'truth': {'effects': {'creep': {'amplitude': 0.1}}}}
+    for name in ('today', 'evidence'):
+        row[name] = failed | {'detectable': {}}
+    assert [outcome(row, name) for name in ('today', 'evidence')] == ['failed', 'failed']

@@ -78,13 +78,19 @@ def detectable(truth: Row, answer: Row, name: str) -> bool:
 
     Alone; beside the others where several are hidden, as one of them may explain what another
     does. Without that number: whether it is as large as the smallest that the diagnosis could see.
+    Where the diagnosis did not settle, it counts as one that shows: no failure hides itself.
     """
     if name in truth.get('shown_beside', ()):
         return bool(truth['shown_beside'][name] >= SEEN)
     for evidence in answer['evidence']:
         if evidence['effects'] == [name]:
             return bool(evidence['chi_squared'] >= SEEN)
-    return not hides(truth, answer, name)
+    return not settled(answer) or not hides(truth, answer, name)
+
+
+def settled(answer: Row) -> bool:
+    """Whether the diagnosis came to numbers: it says then what it could see of each effect."""
+    return bool(answer['detectable'])
 
 
 def apart(truth: Row, answer: Row, name: str) -> bool:

@@ -18,6 +18,7 @@ from blind.scoring import (
     Pair,
     rate,
     Row,
+    settled,
     size_of,
     within,
     wrong,
@@ -79,6 +80,7 @@ def summary_of(pairs: Sequence[Pair]) -> dict[str, Any]:
     result: dict[str, Any] = {
         'trials': len(pairs),
         'failed': sorted({f'{truth["key"]}: {answer["failed"]}' for truth, answer in failed}),
+        'unsettled': sum(not settled(answer) for _, answer in pairs),
         'seconds': middle([answer['seconds'] for _, answer in pairs]),
         'gap': gap(library),
         'confusion': confusion(pairs),
