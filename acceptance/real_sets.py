@@ -28,7 +28,7 @@ import json
 import math
 from pathlib import Path
 
-from left_out_real import AS_WELL, measured, row_of
+from left_out_real import AS_WELL, count_sentence, measured, row_of
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.errors import PneunetError
@@ -111,8 +111,8 @@ def measured_angles(runs: list[RecordingData]) -> list[dict]:
             largest_pressure=float(run.pressure.max()),
             places=np.array([0.0, 0.5 * LENGTH]),
         )
-        found = calibrate([run], [], arm).left_out
-        levels = 0 if found is None else found.levels + 2
+        found = calibrate([run], [], arm)
+        levels = 0 if found.left_out is None else found.left_out.levels + 2
         rows.append({'actuator': run.name, 'pressures': levels, 'unit': 'degrees'})
         rows[-1] |= row_of(found, math.degrees(1.0))
     return rows
@@ -175,11 +175,12 @@ def main() -> int:
         print('| set | pressures | model | constant curvature | interpolation | says |')
         print('|---|---|---|---|---|---|')
         for row in rows:
-            numbers = [f'{row[name]:.2f}' for name in ('model', 'arc', 'interpolation')]
-            cells = [row['actuator'], str(row['pressures']), *numbers, row['says'] or '-']
+            numbers = [row.get(name, math.nan) for name in ('model', 'arc', 'interpolation')]
+            shown = [f'{number:.2f}' for number in numbers]
+            cells = [row['actuator'], str(row['pressures']), *shown, row.get('says') or '-']
             print(f'| {" | ".join(cells)} |')
-        print(f'{sum(row.get("answered", False) for row in rows)} of {len(rows)} answered')
-    return int(any(not row.get('answered') for row in rows))
+        print(count_sentence(rows))
+    return int(not all(row['answered'] for row in rows))
 
 
 if __name__ == '__main__':
