@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError, RecordingError
@@ -15,6 +16,8 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.sensor_mapping import wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.meaning.pressure_judge import (
     expected_of,
@@ -34,8 +37,7 @@ from pneunet_ros.measurement.meaning.wrench_judge import (
 )
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.batch import solve_many
-from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.recordings.recorded_gravity import read_gravity, RecordedGravity
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.tables.reading_table import ReadingTable
@@ -51,7 +53,8 @@ class TargetFit:
     """How well a model fits measured points, for one interpretation of the pressure readings.
 
     reading (frames,): in the unit of the sensor; load (frames, 3) N, N, N m at the free end;
-    points (frames, 2, targets) m, NaN where not seen; places (targets,) m along the arm.
+    points (frames, 2, targets) m, NaN where not seen; places (targets,) m along the arm. gravity
+    (frames, 2), in g; None: that of the model.
     """
 
     arm: Arm
@@ -59,6 +62,7 @@ class TargetFit:
     load: Array
     points: Array
     places: Array
+    gravity: Array | None = None
 
     def __call__(self, meaning: PressureConvention) -> tuple[float, int]:
         """Return the mean squared error over the squared length, and the number of levels.
@@ -71,26 +75,17 @@ class TargetFit:
             arm.sense(Load(pressure=meaning.gauge(reading), force_x=x, force_y=y, moment=moment))
             for reading, (x, y, moment) in zip(self.reading.tolist(), self.load, strict=True)
         ]
-        pressure = np.clip([load.pressure for load in loads], low, high)
-        force = [(load.force_x, load.force_y) for load in loads]
-        moment = [load.moment for load in loads]
-        own = zip(pressure.tolist(), force, moment, strict=True)
-        near = [(0.5 * (low + high), (0.0, 0.0), 0.0), *own]
-        nearby = (solve(arm, level, pull, turn) for level, pull, turn in near)
-        start = next((shape for shape in nearby if shape.converged), None)
-        if start is None:
-            return 1.0, len(loads)
-        shapes = solve_many(arm, pressure, force, moment, start=start)
-        squares = []
-        for x, y, seen, solved in zip(
-            shapes.x, shapes.y, self.points, shapes.converged, strict=True
-        ):
-            predicted = arm.see(
-                *(np.interp(self.places, shapes.arclength, part) for part in (x, y))
-            )
-            squared_error = np.sum((np.array(predicted) - seen) ** 2, axis=0) / arm.length**2
-            squares.append(float(np.nanmean(squared_error)) if solved else 1.0)
-        return float(np.mean(squares)), len(squares)
+        inputs = Inputs(
+            pressure=np.clip([load.pressure for load in loads], low, high),
+            loads=np.array([[load.force_x, load.force_y, load.moment] for load in loads]),
+            histories=None,
+            gravity=self.gravity,
+        )
+        model = ForwardModel(self.places, self.points)
+        solved = model.solve(arm, inputs)
+        squared_error = np.sum((model.points - self.points) ** 2, axis=1) / arm.length**2
+        of_frames = np.nanmean(np.where(solved[:, None], squared_error, 1.0), axis=1)
+        return float(np.mean(of_frames)), len(loads)
 
 
 Verdict = PressureVerdict | WrenchVerdict
@@ -167,9 +162,14 @@ def judge_recording(
     )
     read_settings = replace(settings, wrench_frame=frame) if frame else settings
     series = readable_series(recording, arm, read_settings, overrides)
-    pressure = judge_pressure_series(series, arm, settings, own_model=own_model)
+    gravity = None
+    try:
+        gravity = read_gravity(recording, overrides, settings, arm.gravity)
+    except RecordingError:  # reported by other checks; without it a shape does not show a load
+        series = {name: series[name] for name in series.keys() - {TARGETS.name, TIP_POSE.name}}
+    pressure = judge_pressure_series(series, gravity, arm, settings, own_model=own_model)
     trusted = pressure is None or not pressure.contradicted
-    wrench = judge_wrench_series(series, arm, settings, targets_usable=trusted)
+    wrench = judge_wrench_series(series, gravity, arm, settings, targets_usable=trusted)
     if not frame:
         return Verdicts(pressure=pressure, wrench=wrench)
     declared = settings.wrench
@@ -184,6 +184,7 @@ def judge_recording(
 
 def judge_pressure_series(
     series: Mapping[str, ReadingSeries],
+    gravity: RecordedGravity | None,
     arm: Arm,
     settings: EstimatorSettings,
     *,
@@ -196,13 +197,14 @@ def judge_pressure_series(
     declared = settings.pressure
     reading = np.array([declared.reading(value) for value in pressure.values[:, 0].tolist()])
     record = record_of(pressure.stamp_ns.tolist(), reading.tolist())
-    fit = target_fit(series, reading, arm)
+    fit = target_fit(series, gravity, reading, arm)
     expected = [expected_of(arm)] if own_model else expected_without_model(arm)
     return judge_pressure(record, declared, expected, fit=fit)
 
 
 def judge_wrench_series(
     series: Mapping[str, ReadingSeries],
+    gravity: RecordedGravity | None,
     arm: Arm,
     settings: EstimatorSettings,
     *,
@@ -219,7 +221,7 @@ def judge_wrench_series(
     if pressure is not None and len(pressure.stamp_ns):
         index, _ = nearest(wrench.stamp_ns[chosen], pressure)
         expected = expected_load(arm, pressure.values[index, 0])
-    shown = shown_forces(series, arm, declared) if targets_usable else None
+    shown = shown_forces(series, gravity, arm, declared) if targets_usable else None
     readings = declared.reading(forces[chosen])
     return judge_wrench(readings, declared, expected, shown)
 
@@ -230,7 +232,10 @@ def complex_forces(load: Array) -> Forces:
 
 
 def shown_forces(
-    series: Mapping[str, ReadingSeries], arm: Arm, declared: WrenchConvention
+    series: Mapping[str, ReadingSeries],
+    gravity: RecordedGravity | None,
+    arm: Arm,
+    declared: WrenchConvention,
 ) -> ShownForces | None:
     """Return the forces estimated from the targets of a few frames; None without targets."""
     targets, pressure = series.get(TARGETS.name), series.get(PRESSURE.name)
@@ -242,7 +247,10 @@ def shown_forces(
     pressure_index, has_pressure = nearest(targets.stamp_ns, pressure)
     wrench_index, has_wrench = nearest(targets.stamp_ns, wrench)
     usable = np.flatnonzero(
-        has_pressure & has_wrench & np.isfinite(targets.values).any(axis=(1, 2))
+        has_pressure
+        & has_wrench
+        & np.isfinite(targets.values).any(axis=(1, 2))
+        & has_gravity(gravity, targets.stamp_ns)
     )
     if usable.size < FEWEST:
         return None
@@ -261,6 +269,7 @@ def shown_forces(
         moment=np.zeros(chosen.size),
         x=targets.values[chosen, 0],
         y=targets.values[chosen, 1],
+        gravity=None if gravity is None else gravity.at(targets.stamp_ns[chosen]),
     )
     found = end_forces(arm, run)
     good = np.isfinite(found.force).all(axis=1)
@@ -272,6 +281,11 @@ def shown_forces(
         reading=declared.reading(complex_forces(wrench.values[wrench_index[chosen]][good])),
         scale=arm.force_scale,
     )
+
+
+def has_gravity(gravity: RecordedGravity | None, stamp_ns: Stamps) -> bool | npt.NDArray[np.bool_]:
+    """Return a mask of the stamps (ns) at which gravity is known; None: that of the model."""
+    return True if gravity is None else gravity.is_known(stamp_ns)
 
 
 def undeclared_frame(
@@ -351,7 +365,9 @@ def readable_series(
     return {name: item for name, item in series.items() if len(item.stamp_ns)}
 
 
-def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) -> TargetFit | None:
+def target_fit(
+    series: Mapping[str, ReadingSeries], gravity: RecordedGravity | None, reading: Array, arm: Arm
+) -> TargetFit | None:
     """Choose frames at pressures from lowest to highest; None if there are no targets.
 
     reading (readings,): those of the pressure, in the unit of the sensor.
@@ -370,6 +386,7 @@ def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) ->
         if arm.domain is not None:  # a load far outside needs a meaning of its own
             most = FAR_OUTSIDE * arm.domain.largest_force
             matched &= np.hypot(load[:, 0], load[:, 1]) <= most
+    matched &= has_gravity(gravity, stamp_ns)
     usable = np.flatnonzero(matched & np.isfinite(points.sum(axis=1)).any(axis=1))
     if not usable.size:
         return None
@@ -382,6 +399,7 @@ def target_fit(series: Mapping[str, ReadingSeries], reading: Array, arm: Arm) ->
         load=load[chosen],
         points=points[chosen],
         places=places,
+        gravity=None if gravity is None else gravity.at(stamp_ns[chosen]),
     )
 
 

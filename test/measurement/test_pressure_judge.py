@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import PressureReading
@@ -22,7 +20,6 @@ from pneunet_ros.measurement.meaning.pressure_judge import (
     judge_pressure,
     record_of,
 )
-from pneunet_ros.offline import judge
 from pneunet_ros.offline.judge import TargetFit
 import pytest
 
@@ -140,28 +137,23 @@ def test_targets_find_a_zero_that_was_never_set():
     assert not verdict(pressure, fit=fit(0.0)).contradicted
 
 
-def test_a_model_without_a_shape_amid_its_range_judges_by_its_other_shapes(monkeypatch):
-    middle = 0.5 * sum(ARM.pressure_range)
+def test_a_frame_in_which_the_model_has_no_shape_counts_as_the_length():
     places, found = ARM.target_arclength, solve(ARM, 2e4)
     points = [np.interp(places, found.arclength, part) for part in (found.x, found.y)]
-    fit = TargetFit(
-        arm=ARM,
-        reading=np.array([2e4]),
-        load=np.zeros((1, 3)),
-        points=np.array([points]),
-        places=places,
-    )
-    nowhere = replace(found, converged=False, solution=None)
 
-    def solve_but(*failing):
-        return lambda arm, pressure, *load: (
-            nowhere if pressure in failing else solve(arm, pressure, *load)
+    def fit(*moment):
+        count = len(moment)
+        return TargetFit(
+            arm=ARM,
+            reading=np.full(count, 2e4),
+            load=np.array([[0.0, 0.0, one] for one in moment]),
+            points=np.array([points] * count),
+            places=places,
         )
 
-    monkeypatch.setattr(judge, 'solve', solve_but(middle))
-    assert fit(PressureConvention()) == pytest.approx((0.0, 1), abs=1e-8)
-    monkeypatch.setattr(judge, 'solve', solve_but(middle, 2e4))
-    assert fit(PressureConvention()) == (1.0, 1)
+    assert fit(0.0)(PASCAL) == pytest.approx((0.0, 1), abs=1e-8)
+    assert fit(0.0, 1e3)(PASCAL) == pytest.approx((0.5, 2), abs=1e-8)
+    assert fit(1e3)(PASCAL) == (1.0, 1)
 
 
 @pytest.mark.parametrize('unit', PRESSURE_UNITS)

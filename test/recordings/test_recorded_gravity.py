@@ -21,6 +21,7 @@ from pneunet_ros.messages.base_frames import imu_message, TRANSFORM_TYPE
 from pneunet_ros.messages.builders import header
 from pneunet_ros.messages.readings import BASE_IMU, FIXED_FRAMES, FRAMES
 from pneunet_ros.model.gravity import gravity_of
+from pneunet_ros.offline.judge import judge_recording
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
@@ -117,6 +118,22 @@ def test_replay_follows_a_base_that_turns(tmp_path, capsys):
     medians = {name: said['comparisons'][0]['tip']['median'] for name, said in off.items()}
     assert medians['imu'] < 5e-4
     assert medians['fixed'] > 5e-3
+
+
+@pytest.mark.parametrize('measured', [True, False], ids=['measured', 'unknown'])
+def test_a_right_force_sensor_is_not_accused_of_the_weight(tmp_path, measured):
+    given = load_scenario(share_path('scenarios/random_mix.yaml'))
+    lab = replace(
+        given,
+        protocol=replace(given.protocol, duration=20.0),
+        motion=LabMotion(gravity_y=-1.0, inertia=0.0),
+        rates=Rates(frames=10.0, imu=20.0 if measured else 0.0),
+    )
+    write_lab(simulate(lab), tmp_path / 'mix.mcap', overwrite=True, on_progress=lambda: None)
+    arm = replace(true_model(lab), gravity=gravity_of('imu'))
+    found = judge_recording(open_recording(tmp_path / 'mix.mcap'), arm, AS_SHIPPED, {})
+    assert (found.wrench is not None) == measured
+    assert not found.contradicted
 
 
 def test_a_table_keeps_it(tmp_path):
