@@ -275,14 +275,20 @@ class RecordingData:
 
 
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
-    """Return runs thinned by a common factor to at most this many frames in total.
+    """Return runs thinned to at most this many frames in total.
 
-    An hour of film shows the same shapes many times, mostly of an arm at rest.
+    An hour of film shows the same shapes many times, mostly of an arm at rest. Half of the frames
+    are shared by length, half equally: a short recording beside it shows what it does not.
     """
     frames = sum(len(run.stamp_ns) for run in runs)
     if frames <= most:
         return [*runs]
-    return [thinned_by_course(run, max(most * len(run.stamp_ns) // frames, 1)) for run in runs]
+    equal = most / len(runs)
+    shares = [int(0.5 * (most * len(run.stamp_ns) / frames + equal)) for run in runs]
+    return [
+        run if share >= len(run.stamp_ns) else thinned_by_course(run, max(share, 1))
+        for run, share in zip(runs, shares, strict=True)
+    ]
 
 
 def thinned_by_course(run: RecordingData, most: int) -> RecordingData:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.measurement.dataset import RecordingData, thinned
+import pytest
 
 FRAMES, MOVING = 4000, 400
 SECOND = 1_000_000_000
@@ -43,10 +44,18 @@ def test_half_of_the_frames_show_what_acts_for_a_tenth_of_the_time():
     assert (few.stamp_ns[0], few.stamp_ns[-1]) == (SECOND, FRAMES * SECOND)
 
 
-def test_short_recordings_stay_and_long_ones_keep_their_shares():
+def test_half_of_the_frames_are_shared_by_length_and_half_equally():
     every = [run(resting()), run(resting()[:1000])]
     assert thinned(every, 5000) == every
-    assert [len(item.stamp_ns) for item in thinned(every, 500)] in ([400, 100], [399, 100])
+    long, short = (len(item.stamp_ns) for item in thinned(every, 500))
+    assert long == pytest.approx(325, abs=1)
+    assert short == pytest.approx(175, abs=1)
+
+
+def test_a_short_recording_beside_a_long_film_keeps_all_frames():
+    long, short = thinned([run(resting()), run(resting()[2000:2020])], 200)
+    assert np.array_equal(short.stamp_ns, SECOND * np.arange(1, 21))
+    assert len(long.stamp_ns) <= 150
 
 
 def test_frames_in_no_order_and_those_on_which_nothing_acts_are_thinned_evenly():
