@@ -213,6 +213,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'other_length': 'targets do not fit the length of the arm',
     'other_noise': 'the noise differs from that in the arm file',
     'other_pressure': 'the pressure is of another unit, sign or reference',
+    'out_of_reach': 'poses of the tip were left out, because the arm does not reach them',
     'outlier': 'a recording does not fit the others',
     'pressure_still': 'the pressure does not change, but the arm moves',
     'shapes_by_evidence': 'the recordings are more probable with fewer numbers along the arm',

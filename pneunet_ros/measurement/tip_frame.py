@@ -109,10 +109,10 @@ def in_base_frame(
 ) -> tuple[list[RecordingData], tuple[Note, ...]]:
     """Return the runs with tip poses in the base frame, and notes on the frame found.
 
-    Poses whose frame is not the base frame, or that are out of reach of the arm, are in another
-    frame; the clamp is estimated in each frame from the runs without a load. Raises RecordingError
-    if these do not determine it. Where targets are seen as well, which are in the base frame,
-    poses of another frame are left out.
+    Poses whose frame is not the base frame, or most of which are out of reach of the arm, are in
+    another frame; the clamp is estimated in each frame from the runs without a load. Raises
+    RecordingError if these do not determine it. Where targets are seen as well, which are in the
+    base frame, poses of another frame are left out; so are single ones out of reach.
     """
     other: dict[str, list[int]] = {}
     in_base, notes = list(runs), list[Note]()
@@ -128,6 +128,15 @@ def in_base_frame(
             )
         elif is_in_other_frame(run, arm, settings):
             other.setdefault(run.tip_frame, []).append(index)
+        elif (strays := out_of_reach(run, arm, settings)).any():
+            in_base[index] = without_poses(run, strays)
+            notes.append(
+                Note(
+                    f'{run.name}: left out {np.count_nonzero(strays)} of {len(strays)} poses of '
+                    'the tip, because the arm does not reach them',
+                    reason='out_of_reach',
+                )
+            )
     for places in other.values():
         found = base_of([runs[index] for index in places], arm, settings)
         names = ', '.join(runs[index].name for index in places)
@@ -164,10 +173,26 @@ def is_in_other_frame(
     """Whether the tip poses are in another frame, whose position no target determines."""
     if run.tip_pose is None or run.seen.any():
         return False
+    beyond = np.count_nonzero(out_of_reach(run, arm, settings))
+    poses = np.count_nonzero(np.isfinite(run.tip_pose[:, 0]))
+    return run.tip_frame != BASE_FRAME or 2 * beyond > poses
+
+
+def out_of_reach(
+    run: RecordingData, arm: Arm, settings: TipFrameSettings
+) -> npt.NDArray[np.bool_]:
+    """Return a mask (frames,) of tip poses farther from the clamp than any arm reaches."""
+    if run.tip_pose is None:
+        return np.zeros(len(run.stamp_ns), dtype=np.bool_)
     distance = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
-    return run.tip_frame != BASE_FRAME or bool(
-        np.any(distance > settings.out_of_reach * arm.reach)
-    )
+    return np.asarray(distance > settings.out_of_reach * arm.reach)
+
+
+def without_poses(run: RecordingData, left_out: npt.NDArray[np.bool_]) -> RecordingData:
+    """Return a run without the tip poses of these frames; those that show no more are dropped."""
+    assert run.tip_pose is not None
+    pose = np.where(left_out[:, None], np.nan, run.tip_pose)
+    return replace(run, tip_pose=pose).subset(np.flatnonzero(~left_out | run.seen.any(axis=1)))
 
 
 def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> FoundBase | None:

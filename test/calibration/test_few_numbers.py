@@ -206,6 +206,15 @@ def test_poses_of_another_frame_are_moved_and_said():
     assert said == ()
 
 
+@pytest.mark.parametrize('distance', [1.3 * LENGTH, 3.0])
+def test_one_stray_pose_moves_no_other(distance):
+    pose = poses()
+    pose[5, :2] = distance, 0.0
+    (run,), notes = in_base_frame([recorded(pose)], ARM)
+    assert reasons(notes) == ['out_of_reach']
+    assert (run.tip_pose == np.delete(pose, 5, axis=0)).all()
+
+
 def test_each_frame_of_motion_capture_has_a_clamp_of_its_own():
     truth = poses()
     places = {'day_1': (1.2, -0.4, 0.7), 'day_2': (1.0, 0.1, 0.2)}
