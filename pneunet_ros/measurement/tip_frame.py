@@ -173,8 +173,8 @@ def is_in_other_frame(
     """Whether the tip poses are in another frame, whose position no target determines."""
     if run.tip_pose is None or run.seen.any():
         return False
-    beyond = np.count_nonzero(out_of_reach(run, arm, settings))
-    poses = np.count_nonzero(np.isfinite(run.tip_pose[:, 0]))
+    beyond = int(np.count_nonzero(out_of_reach(run, arm, settings)))
+    poses = int(np.count_nonzero(np.isfinite(run.tip_pose[:, 0])))
     return run.tip_frame != BASE_FRAME or 2 * beyond > poses
 
 

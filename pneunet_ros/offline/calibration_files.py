@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 import hashlib
 from pathlib import Path
@@ -74,8 +74,20 @@ def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str
     ]
 
 
+def fitted_in(arm: Arm) -> list[dict[str, str]]:
+    """Return name, hash and role of the recordings to which the statics of an arm were fitted."""
+    recordings = arm.provenance.get('recordings')
+    return [
+        {'file': str(item['file']), 'sha256': str(item['sha256']), 'role': f'in {arm.name}'}
+        for item in (recordings if isinstance(recordings, Sequence) else ())
+        if isinstance(item, Mapping)
+        and item.keys() >= {'file', 'sha256', 'role'}
+        and item['role'] != 'motion'
+    ]
+
+
 def check_distinct(inputs: list[dict[str, str]]) -> None:
-    """Reject a recording that is given twice, because it could not test the model."""
+    """Reject a recording that is given twice: it would count twice, and could not test a model."""
     seen: dict[str, dict[str, str]] = {}
     for item in inputs:
         other = seen.setdefault(item['sha256'], item)

@@ -27,6 +27,7 @@ from support.refusals import refusal, refused
 
 FRAME_RATE = 1.0  # Hz, few frames, to be quick
 FREE, LOADED = ('unloaded_ramp', 'unloaded_staircase'), ('force_sweeps', 'strings')
+LATER = 'dead_weights'
 
 
 @cache
@@ -40,7 +41,7 @@ def recorded(name: str):
 def lab(tmp_path_factory) -> Path:
     """Return a folder with recordings of the lab."""
     folder = tmp_path_factory.mktemp('lab')
-    for name in (*FREE, *LOADED):
+    for name in (*FREE, *LOADED, LATER):
         write_lab(
             recorded(name), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
         )
@@ -161,7 +162,7 @@ def test_laws_are_compared_and_the_report_written(run, lab):
 def test_a_calibration_goes_on(run, lab, model):
     path, said = model
     code, out, err = run(
-        '--loaded', lab / 'strings.mcap', '--continue', path, '--output', 'on.yaml',
+        '--loaded', lab / f'{LATER}.mcap', '--continue', path, '--output', 'on.yaml',
         '--no-compare', '--json',
     )  # fmt: skip
     assert code == 0, err
@@ -172,6 +173,18 @@ def test_a_calibration_goes_on(run, lab, model):
     )
     assert np.all(after < 1.001 * before)
     assert load_knowledge(Path('on.yaml')).kind == 'piecewise_linear'
+
+
+def test_a_recording_counts_once(run, lab, model):
+    path, _ = model
+    free, copy = lab / 'unloaded_ramp.mcap', Path('copy.mcap')
+    copy.write_bytes((lab / 'strings.mcap').read_bytes())
+    for words in (
+        ('--unloaded', free, '--loaded', lab / 'strings.mcap', copy),
+        ('--loaded', copy, '--continue', path),
+    ):
+        assert refusal(run(*words, '--output', 'twice.yaml', '--json')) == 'given_twice'
+    assert [*Path().iterdir()] == [copy]
 
 
 @pytest.mark.parametrize(

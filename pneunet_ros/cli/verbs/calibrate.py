@@ -91,7 +91,11 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.calibration.calibration import calibrate
     from pneunet_ros.cli.calibrate_summary import numbers_of, show
     from pneunet_ros.offline.calibration_files import (
+        check_distinct,
+        check_recordings,
         described_arm,
+        fitted_in,
+        inputs_of,
         knowledge_file,
         load_knowledge,
         save_knowledge,
@@ -101,10 +105,14 @@ def run(arguments: Namespace) -> int:
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(verb.PAPER_ARM))
     frame = verb.with_gravity(frame, arguments)
-    earlier = None
+    earlier, known = None, []
     if arguments.earlier is not None:
-        earlier = load_knowledge(arguments.earlier)
-        frame = replace(frame, domain=load_model(arguments.earlier).domain)
+        earlier, before = load_knowledge(arguments.earlier), load_model(arguments.earlier)
+        frame = replace(frame, domain=before.domain)
+        known = fitted_in(before)
+    check_recordings((*arguments.unloaded, *arguments.loaded, *arguments.motion))
+    given = inputs_of((('unloaded', arguments.unloaded), ('loaded', arguments.loaded)))
+    check_distinct([*known, *given])
     check_outputs(arguments)
     with written_together(), verb.progress_bar(shown=not arguments.json) as bar:
         read = read_experiments(
