@@ -191,11 +191,17 @@ def sizes_of(items: list[tuple[str, Any]]) -> dict[str, float]:
 
 
 def difference(old: Any, new: Any, size: float) -> float | None:
-    """Return how far two numbers are apart, relative to their array; None: words that differ."""
-    if not isinstance(old, (int, float)) or not isinstance(new, (int, float)):
-        return 0.0 if old == new else None
+    """Return how far two numbers are apart, relative to their array; None: words that differ.
+
+    A number is infinitely far from what is not finite, and from what is no number.
+    """
     if old == new or (old != old and new != new):
         return 0.0
+    numbers = [value for value in (old, new) if isinstance(value, (int, float))]
+    if not numbers:
+        return None
+    if len(numbers) < 2 or not all(map(math.isfinite, numbers)):
+        return math.inf
     return abs(old - new) / max(abs(old), abs(new), size)
 
 
