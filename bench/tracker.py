@@ -52,6 +52,7 @@ RADII, NOISES = (3.0, 4.0, 5.0, 8.0), (2.0, 4.0, 8.0)
 WANTED = {3.0: 2.0, 4.0: 2.0, 5.0: 2.0, 8.0: 4.0}  # error of a center over the bound, at most
 SIZES = ((640, 480), (1920, 1080))
 BACKGROUND, WHITE, BLUR = 40.0, 210.0, 0.7
+MOVING = 100  # frames of a view after its rest, in which things come before the arm
 LOST_EVERY = 29  # frames, after which the tracker must find the row from nothing
 
 
@@ -94,12 +95,13 @@ def center_errors(images: int) -> list[dict[str, float]]:
 
 
 def identity(arm, frames: int, shown: bool) -> dict[str, float]:
-    """Who is who in rendered frames of 20 different views, after the arm has been at rest."""
+    """Who is who in rendered frames of different views, after the arm has been at rest."""
     score = Score()
     unexplained = 0
     resting = CameraSettings().rest_frames - 1
-    for seed in track(range(20), 'identity', disable=not shown, transient=True):
-        view = View(arm, seed, resting + -(-frames // 20))
+    views = range(-(-frames // MOVING))
+    for seed in track(views, 'identity', disable=not shown, transient=True):
+        view = View(arm, seed, resting + MOVING)
         clamp_pixel = view.clamp_pixel if seed % 2 else None
         tracker = Tracker(arm, CameraSettings(clamp_pixel=clamp_pixel))
         state, _ = tracker.step(TrackerState(), view.lens)
@@ -276,7 +278,10 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument(
-        '--frames', type=int, default=2000, help='rendered frames for identity (default: 2000)'
+        '--frames',
+        type=int,
+        default=2000,
+        help='frames for identity, 100 of a view (default: 2000)',
     )
     command.add_argument('--rounds', type=int, default=7, help='rounds for speed (default: 7)')
     command.add_argument(
