@@ -193,7 +193,7 @@ def numbers_of(recordings: Array) -> dict:
     """Return the numbers of one case, (recordings, frames, COLUMNS)."""
     rows = np.concatenate(recordings)
     column = {name: rows[:, place] for place, name in enumerate(COLUMNS)}
-    named = np.isfinite(column['force']) & ~(column['ambiguous'] > 0.0)
+    named = is_named(rows)
     there = np.abs(column['true_force']) >= FORCES[0] * (1.0 - 1e-9)
     none = column['true_force'] == 0.0
     found = there & named
@@ -215,15 +215,21 @@ def numbers_of(recordings: Array) -> dict:
     }
 
 
+def is_named(rows: Array) -> Array:
+    """Whether a contact is named, and not ambiguous, in each of rows (frames, COLUMNS)."""
+    force, ambiguous = (rows[:, COLUMNS.index(name)] for name in ('force', 'ambiguous'))
+    return np.isfinite(force) & ~(ambiguous > 0.0)
+
+
 def delays_of(rows: Array) -> tuple[float, float]:
     """Return frames from the onset of a push to when it is named, from its end to when it is not.
 
-    NaN where there is none; infinite where it is never named.
+    An ambiguous contact is not named. NaN without a push; infinite where it is never named.
     """
     pushed = np.flatnonzero(rows[:, 0] != 0.0)
     if not pushed.size:
         return math.nan, math.nan
-    named = np.isfinite(rows[:, COLUMNS.index('force')])
+    named = is_named(rows)
     after = np.flatnonzero(named[pushed[0] :])
     gone = np.flatnonzero(~named[pushed[-1] + 1 :])
     onset = float(after[0]) if after.size else math.inf

@@ -47,6 +47,14 @@ def test_right_contacts_reach_the_goals_and_others_miss_them():
     assert any('false_alarms' in one for one in bench.summary_of(rigs(alarms=1))['missed'])
 
 
+def test_a_push_is_named_when_it_is_ambiguous_no_more():
+    found = rows('push')
+    found[:70, bench.COLUMNS.index('ambiguous')] = 1.0
+    assert bench.delays_of(found) == (10.0, 0.0)
+    found[:, bench.COLUMNS.index('ambiguous')] = 1.0
+    assert bench.delays_of(found) == (np.inf, 0.0)
+
+
 def test_a_push_of_the_lab_is_found_where_it_is():
     recording = bench.recording_of(77, 1, 'wrench', 'push')
     found = bench.fuse(Fusion(arm=true_model(recording.scenario)), recording, 'wrench', 77)
