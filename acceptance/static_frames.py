@@ -37,7 +37,7 @@ from rich.progress import track
 from rich.table import Table
 
 WANTED = 'pressure_elongation'
-IN_TIME = {'pressure_lag', 'hysteresis', 'creep', 'softening'}
+IN_TIME = {'pressure_lag', 'hysteresis', 'creep', 'softening', 'camera_delay'}
 SECOND = 1_000_000_000  # ns
 STATIONS = 2001  # of the integral along the arm
 UNEVEN = 0.15  # of the curvature, one sigma of the linear part along the arm
@@ -65,6 +65,7 @@ class Bench:
 class Found:
     """What was hidden in a set, and what was said.
 
+    The first effect stands for itself and the alternatives, the others are companions of it.
     visible: the elongation is above the detection limit that the answer gives.
     """
 
@@ -81,11 +82,12 @@ class Found:
     @property
     def score(self) -> str:
         """`right`, `too faint`, `unobservable`, `unknown`, `missed`, `false name` or `time`."""
-        names = {*self.effects, *self.alternatives}
-        if names & IN_TIME:
+        first, companions = {*self.effects[:1], *self.alternatives}, {*self.effects[1:]}
+        if (first | companions) & IN_TIME:
             return 'time'
-        if names:
-            return 'right' if self.strain and WANTED in names else 'false name'
+        if first:
+            right = self.strain and WANTED in first and not companions
+            return 'right' if right else 'false name'
         if self.answer == 'none' and self.strain:
             return 'missed' if self.visible else 'too faint'
         if self.answer == 'none':
