@@ -9,8 +9,8 @@ wrong. Then one everyday cause comes. Frames at 27 Hz arrive 25 ms late, the pre
 by the lab's own chain. Tip and force: how often the truth lies in the stated 95 %, at every
 reading of the pressure; withheld: share of readings without an estimate of the force. Said: what
 the estimates warn of, by share of readings; contacts that are not there count as said.
-Nothing has a goal yet but the first row: exit code 1 where nothing is wrong and something is said
-in more than 1 % of the readings.
+Nothing has a goal yet but the first two rows: exit code 1 where nothing is wrong and the shares of
+what is said come to more than 1 % of the readings.
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ SECONDS, QUICK_SECONDS = 20.0, 8.0
 QUICK = 'one rig, one recording of 8 s'
 IN_95 = float(chi2.ppf(0.95, 2))
 CONTACT = 'a contact along the arm'
+NOTHING = 'nothing wrong', 'nothing wrong, unloaded'
+SAID = 0.01  # of the readings, in sum, where nothing is wrong
 # Of a reading: errors (m, N) and NEES of tip and force, whether there is no force, what is said.
 NUMBERS = ('tip', 'tip_nees', 'force', 'force_nees', 'no_force')
 SENTENCES = 24  # that are kept apart
@@ -322,8 +324,9 @@ def summary_of(rigs: list[dict[str, Array]]) -> dict:
     for name in CAUSES:
         numbers = numbers_of(np.concatenate([rig[name] for rig in rigs]))
         causes[name] = {**numbers, 'said': mean_shares(rigs, name)}
-    accused = max([0.0, *causes['nothing wrong']['said'].values()])
-    missed = [f'nothing wrong: said in {accused:.3f} of the readings'] if accused > 0.01 else []
+    accused = {name: sum(causes[name]['said'].values()) for name in NOTHING}
+    missed = [f'{name}: {share:.3f} of what is said, in sum, wanted 0.010 at most'
+              for name, share in accused.items() if share > SAID]  # fmt: skip
     return {'causes': causes, 'missed': missed}
 
 
@@ -348,11 +351,12 @@ def show(summary: dict, title: str) -> None:
 def main() -> int:
     """Run and print."""
     command = rig_command(__doc__.splitlines()[0], recordings=5, quick=QUICK)
-    arguments, attempt = command.parse_args(), try_model
+    arguments, attempt, name = command.parse_args(), try_model, 'everyday_causes'
     if arguments.quick:
+        name = f'{name}_quick'  # shorter recordings: rows that are kept are others
         arguments.quick, arguments.rigs, arguments.recordings = False, 1, 1
         attempt = partial(try_model, seconds=QUICK_SECONDS)
-    return run_bench('everyday_causes', arguments, attempt, summary_of, show)
+    return run_bench(name, arguments, attempt, summary_of, show)
 
 
 if __name__ == '__main__':

@@ -126,6 +126,7 @@ GOALS = {
     ('steps, unloaded: prediction', 'tip_rms'): (0.0, 1e-3),
     ('steps, unloaded: prediction', 'tip_covered'): (0.90, 1.0),
     ('calibrate, steps and plucks', 'rms'): (0.0, 0.01),
+    ('calibrate, steps and plucks', 'given'): (1.0, 1.0),
     **{(f'{course}: {way}', 'contacts'): (0.0, 1e-3) for course in COURSES for way in WAYS[1:]},
 }
 
@@ -408,6 +409,7 @@ def summary_of(rigs: list[dict[str, Array]]) -> dict:
                 'rms': np.nanmean(rms) if np.isfinite(rms).any() else math.nan,
                 'covered': np.nanmean(within) if np.isfinite(within).any() else math.nan,
                 'models': int(np.isfinite(rms).sum()),
+                'given': float(np.isfinite(rms).mean()),
                 'converged': int(np.nansum(converged)),
             }
         elif not name.endswith(': said'):
@@ -477,7 +479,8 @@ def main() -> int:
         arguments.quick, arguments.rigs, arguments.recordings = False, 1, 1
         arguments.part = arguments.part or QUICKLY
     attempt = partial(try_model, part=arguments.part)
-    return run_bench('motion', arguments, attempt, summary_of, show)
+    name = '_'.join(filter(None, ('motion', arguments.part)))  # rows of another part are others
+    return run_bench(name, arguments, attempt, summary_of, show)
 
 
 if __name__ == '__main__':

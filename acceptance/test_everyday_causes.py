@@ -96,4 +96,18 @@ def test_numbers_can_be_bad_and_what_is_said_is_counted():
     assert said[:2].tolist() == ['0.500000 a', '0.250000 c']
     rig = dict.fromkeys(bench.CAUSES, rows)
     rig |= {f'{name}: said': said[None] for name in bench.CAUSES}
-    assert bench.summary_of([rig])['missed']
+    assert len(bench.summary_of([rig])['missed']) == len(bench.NOTHING)
+    for name in bench.NOTHING:  # two sentences of 0.006 each
+        rig |= {f'{one}: said': np.full((1, 1), '') for one in bench.CAUSES}
+        rig[f'{name}: said'] = np.array([['0.006000 a', '0.006000 b']])
+        (missed,) = bench.summary_of([rig])['missed']
+        assert missed.startswith(f'{name}: 0.012')
+
+
+def test_rows_of_shorter_recordings_are_kept_under_another_name(monkeypatch):
+    names = []
+    monkeypatch.setattr(bench, 'run_bench', lambda name, *_: names.append(name) or 0)
+    for words in (['--quick'], ['--rigs', '1', '--recordings', '1']):
+        monkeypatch.setattr('sys.argv', ['everyday_causes.py', *words])
+        assert bench.main() == 0
+    assert names == ['everyday_causes_quick', 'everyday_causes']

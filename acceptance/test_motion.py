@@ -38,3 +38,20 @@ def test_numbers_of_the_peg_and_goals_that_are_missed():
     assert any('contacts' in one for one in summary['missed'])
     assert summary['calibrations']['calibrate, slow ramps']['models'] == 0
     bench.show(summary, 'title')
+
+
+def test_a_rig_without_a_model_misses_the_goal_of_calibrations():
+    name = 'calibrate, steps and plucks'
+    right, none = {name: np.array([0.005, 1.0, 1.0])}, {name: np.full(3, np.nan)}
+    assert bench.summary_of([right, right])['missed'] == []
+    (missed,) = bench.summary_of([right, none])['missed']
+    assert missed.startswith(f'{name}: given = 0.5')
+
+
+def test_rows_of_another_part_are_kept_under_another_name(monkeypatch):
+    names = []
+    monkeypatch.setattr(bench, 'run_bench', lambda name, *_: names.append(name) or 0)
+    for words in ([], ['--part', 'gravity'], ['--part', 'used'], ['--quick']):
+        monkeypatch.setattr('sys.argv', ['motion.py', *words])
+        assert bench.main() == 0
+    assert len(set(names)) == len(names)
