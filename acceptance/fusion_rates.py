@@ -31,6 +31,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Event, Fusion
+from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_recording import LabRecording
@@ -93,11 +94,18 @@ WAYS = {
     'swing, frames at 50 Hz, 0.15 s late': Way(frames=1, late=0.15, swing=True),
 }
 SENSORS = ('no wrench', 'wrench')
+# Frames so late, and no wrench: the force at a reading is then withheld.
+WITHHELD = {'frames 0.4 s late', 'swing, frames 0.2 s late', 'swing, frames 0.4 s late'}
+ANSWERED = 0.95  # of the readings that have a frame within `target_timeout`, at least
 GOALS = {
-    (f'{way}, {sensors}', what): (0.93, 1.0)
-    for way in WAYS
+    (f'{name}, {sensors}', what): (low, 1.0)
+    for name, way in WAYS.items()
     for sensors in SENSORS
-    for what in ('tip_covered', 'force_covered')
+    for what, low in (
+        ('tip_covered', 0.93),
+        ('force_covered', 0.93),
+        ('estimates', ANSWERED * min(FUSION.target_timeout * RATE / way.frames, 1.0)),
+    )
 }
 
 
@@ -194,22 +202,27 @@ def try_rates(seed: int, recordings: int) -> dict[str, Array]:
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each way came to, and which goals are missed."""
     ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in rigs[0]}
-    return {'ways': ways, 'missed': missed_goals(ways, GOALS)}
+    withheld = {
+        (f'{way}, no wrench', 'force_covered')
+        for way in WITHHELD
+        if not ways.get(f'{way}, no wrench', {}).get('determined')
+    }
+    goals = {what: limits for what, limits in GOALS.items() if what not in withheld}
+    return {'ways': ways, 'missed': missed_goals(ways, goals)}
 
 
 def numbers_of(rows: Array) -> dict[str, float]:
     """Return the numbers of a way: rows (recordings, readings, COLUMNS)."""
     tip, tip_nees, force, force_nees = np.moveaxis(rows, 2, 0)
     estimated, determined = known(tip), known(force_nees)
-    # What is never told is covered: a camera that is alone gives no estimate at a reading.
     return {
         'estimates': float(estimated.mean()),
         'tip_rms': rms(tip[estimated]),
-        'tip_covered': covered(tip_nees) if estimated.any() else 1.0,
+        'tip_covered': covered(tip_nees),
         'tip_beyond': float(np.mean(tip_nees[estimated] > BEYOND)) if estimated.any() else 0.0,
         'determined': float(determined[estimated].mean()) if estimated.any() else 0.0,
         'force_rms': rms(force[determined]),
-        'force_covered': covered(force_nees) if determined.any() else 1.0,
+        'force_covered': covered(force_nees),
     }
 
 

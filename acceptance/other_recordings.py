@@ -64,6 +64,7 @@ STIFFER = 0.5, 10.0
 CLAMP_ANGLES = 0.0, 0.0, -0.5 * math.pi, 0.5 * math.pi, 0.7  # rad
 GOALS = {
     'settled': (0.95, 1.0),
+    'with_law': (0.95, 1.0),
     'law_error': (0.0, 1.5),
     'curvature_error': (0.0, 1.5),
     'held_out_over_true': (0.0, 1.1),
@@ -166,6 +167,7 @@ def numbers_of(rows: list[dict]) -> dict[str, float]:
         'arms': len(rows),
         'refused': float(np.mean([bool(row['refused']) for row in rows])),
         'settled': float(np.mean([row['settled'] for row in rows])),
+        'with_law': float(np.mean(['law_error' in row for row in rows])),
         'held_out_over_true': float(
             np.median([row.get('held_out_over_true', math.inf) for row in rows])
         ),

@@ -51,9 +51,16 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
     for sure in (1.0, 1.5):
         nees = sure**2 * np.sum(error**2, axis=-1)
         rows = np.stack([1e-4 * nees[..., 0], nees[..., 0], nees[..., 1], nees[..., 1]], axis=-1)
-        rows[:, :100] = np.nan  # without an estimate
-        rows[:, 100:200, 2:] = np.nan  # without a force
+        rows[:, :20] = np.nan  # without an estimate
+        rows[:, 20:140, 2:] = np.nan  # without a force
         found = bench.summary_of([{way: rows}])
-        assert found['ways'][way]['estimates'] == pytest.approx(0.8)
+        assert found['ways'][way]['estimates'] == pytest.approx(0.96)
         assert found['ways'][way]['determined'] == pytest.approx(0.75)
         assert len(found['missed']) == (0 if sure == 1.0 else 2)
+
+
+def test_what_is_never_told_misses_the_goals():
+    rows = np.full((4, 500, len(bench.COLUMNS)), np.nan)
+    for way, count in (('swing, wrench', 3), ('swing, frames 0.4 s late, no wrench', 2)):
+        missed = bench.summary_of([{way: rows}])['missed']
+        assert len(missed) == count and 'estimates = 0' in missed[count - 1]

@@ -45,6 +45,9 @@ def test_goals_are_missed_by_errors_that_are_not_honest_and_by_fits_that_do_not_
     assert good['rare readings']['arms'] == 1
     (missed,) = summary_of([row(1.0), row(9.0)])['missed']
     assert missed.startswith('law_error = 6.4')
+    lawless = {key: value for key, value in row(1.0).items() if key != 'law_error'}
+    (missed,) = summary_of([row(1.0), lawless])['missed']
+    assert missed.startswith('with_law = 0.5')
     refused = {'refused': 'why', 'settled': False, 'frames': 1.0, 'readings': 50.0}
     assert any(item.startswith('settled') for item in summary_of([row(1.0), refused])['missed'])
     assert numbers_of([refused])['refused'] == 1.0

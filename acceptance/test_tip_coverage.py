@@ -41,4 +41,8 @@ def test_a_history_without_any_estimate_is_counted():
     found = errors()
     for item in found.values():
         item['nees'][:100] = np.nan
-    assert bench.summary_of([found])['pooled']['refused'] == 200
+    summary = bench.summary_of([found])
+    assert summary['pooled']['refused'] == 200
+    assert 'refused' in summary['missed'] and 'least' not in summary['missed']
+    found['paper']['nees'][:] = np.nan
+    assert 'least' in bench.summary_of([found])['missed']
