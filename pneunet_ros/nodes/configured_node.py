@@ -14,6 +14,7 @@ from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.health import count_texts, Level, Report, REPORT_PERIOD
 from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.messages.readings import PRESSURE
 from pneunet_ros.nodes.callback_errors import CallbackErrors, refuse_call
 from pneunet_ros.nodes.connections import mismatch_sentences, rival_sentences
 from pneunet_ros.nodes.load_shedding import LoadShedding
@@ -208,7 +209,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     def apply_candidate(self, changes: list[Parameter]) -> None:
         """Use the validated configuration, now that the parameters are set."""
         if self.candidate is not self.configuration:
-            self.use(self.candidate)
+            self.errors.guarded(self.use)(self.candidate)
 
     def use(self, configuration: C) -> None:
         """Switch to another model or other settings."""
@@ -224,6 +225,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         content = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
         if self.sensors is not None:
             content['sensors_set_ns'] = self.other_descriptions.set_ns
+            content['pressure'] = self.resolve_topic_name(PRESSURE.topic)
         self.info.publish(String(data=json.dumps(content)))
 
     @property
@@ -233,7 +235,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def take_info(self, message: String) -> None:
         """Process the model_info of another node of this arm, and adopt its newer settings."""
-        newer, times = self.other_descriptions.take(message.data)
+        pressure = self.resolve_topic_name(PRESSURE.topic)
+        newer, times = self.other_descriptions.take(message.data, pressure)
         sensors = self.sensors or {}
         changes = [
             Parameter(name, value=value)
@@ -258,7 +261,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             for name, namespace in self.get_node_names_and_namespaces()
         }
         own_name = self.get_fully_qualified_name()
-        return '; '.join(self.other_descriptions.differences(own_name, self.sensors, running))
+        own = self.sensors | {'model': json.loads(self.configuration.info()).get('hash')}
+        return '; '.join(self.other_descriptions.differences(own_name, own, running))
 
     def log_refusal(self, refusal: Refusal) -> None:
         """Log a kind of refusal when it first occurs, and again after a while."""

@@ -90,8 +90,9 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
         """Queue a received message."""
         # Not every middleware states when it received a message.
         at_ns = info['received_timestamp'] or info['source_timestamp']
+        age_ns = max(time.time_ns() - at_ns, 0)  # a clock that is set must not hold messages back
         call = partial(callback, message, info)
-        self.order.add(self.topic, min(at_ns, time.time_ns()), header_stamp(message), call)
+        self.order.add(self.topic, time.monotonic_ns() - age_ns, header_stamp(message), call)
 
 
 class Queue:
@@ -116,7 +117,7 @@ class Queue:
             return
         found = True
         while found:  # until no message arrived meanwhile: it may be older than those received
-            found, self.until_ns = False, time.time_ns()
+            found, self.until_ns = False, time.monotonic_ns()
             for item in self.subscriptions:
                 while item.callback_group.take_from(item):
                     found = True
@@ -203,17 +204,17 @@ class PromptExecutor(SingleThreadedExecutor):
         """Wait, then run all callbacks that are ready."""
         if self._changed:
             self.list_entities()
-        begin_ns = time.time_ns()
+        begin_ns = time.monotonic_ns()
         with_services = begin_ns >= min(self._prompt_until_ns, self._services_due_ns)
         late = self._due_ns is not None and self._due_ns <= begin_ns
         waiting = self.wait(begin_ns, with_services=with_services)
-        looked_ns = begin_ns if late else time.time_ns()
+        looked_ns = begin_ns if late else time.monotonic_ns()
         arrived = set(waiting.get_ready_entities('subscription'))
         has_request = with_services and bool(waiting.get_ready_entities('service'))
         if self.call_messages(arrived, looked_ns, all_arrived=has_request):
-            self._prompt_until_ns = time.time_ns() + SERVICE_NS * len(self._services)
+            self._prompt_until_ns = time.monotonic_ns() + SERVICE_NS * len(self._services)
         elif (node := self.unsettled()) is not None:
-            self.work(self.background_work(node), node.settle)
+            self.work(self.background_work(node), node.errors.guarded(node.settle))
         ready = set(waiting.get_ready_entities('timer'))
         for timer, node in list(zip(self._timers, self._timer_nodes, strict=True)):
             if timer.handle.pointer in ready:
@@ -222,7 +223,7 @@ class PromptExecutor(SingleThreadedExecutor):
                     self.call_some(self._queues)
         if not with_services:
             return
-        self._services_due_ns = time.time_ns() + SERVICE_NS * len(self._services)
+        self._services_due_ns = time.monotonic_ns() + SERVICE_NS * len(self._services)
         other_handles = {item.handle.pointer for item in self._other}
         for _ in range(POLLS * self._polled):
             self.spin_once(timeout_sec=0)
@@ -261,7 +262,7 @@ class PromptExecutor(SingleThreadedExecutor):
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
                 queue.fill()
-        now_ns = time.time_ns()
+        now_ns = time.monotonic_ns()
         end_ns = now_ns + max(LOOK_AGAIN_NS, LOOKS * (now_ns - begin_ns))
         any_called, more = self.call_in_turn(self._queues, end_ns)
         if more and all_arrived:
@@ -279,10 +280,10 @@ class PromptExecutor(SingleThreadedExecutor):
         ]
         heapify(turns)
         any_called = False
-        while turns and time.time_ns() < end_ns and not self._changed:
+        while turns and time.monotonic_ns() < end_ns and not self._changed:
             turn_ns, index, queue = turns[0]
             if turn_ns == queue.turn_ns:  # else a pause has processed its first message
-                running = RunningCallback([queue], queue.patience_ns, time.time_ns())
+                running = RunningCallback([queue], queue.patience_ns, time.monotonic_ns())
                 if not self.work(running, queue.call_next):
                     heappop(turns)
                     continue
@@ -298,7 +299,7 @@ class PromptExecutor(SingleThreadedExecutor):
         """Process messages of queues for a short time; return whether some are left."""
         for queue in queues:
             queue.fill()
-        now_ns = time.time_ns()
+        now_ns = time.monotonic_ns()
         _, more = self.call_in_turn(queues, now_ns + LOOK_AGAIN_NS)
         if more:
             self._due_ns = now_ns
@@ -306,8 +307,8 @@ class PromptExecutor(SingleThreadedExecutor):
 
     def call_arrived(self, queues: Collection[Queue], end_ns: int = NEVER) -> None:
         """Process messages that have arrived, and more urgent messages, until a time."""
-        now_ns, more = time.time_ns(), True
-        while more and not self._changed and time.time_ns() < end_ns:
+        now_ns, more = time.monotonic_ns(), True
+        while more and not self._changed and time.monotonic_ns() < end_ns:
             more = self.call_some(queues)
             arrivals = [queue.order.first_ns for queue in queues]
             more = more and any(at_ns is not None and at_ns <= now_ns for at_ns in arrivals)
@@ -325,7 +326,7 @@ class PromptExecutor(SingleThreadedExecutor):
 
         While messages wait, they get a fixed multiple of the time of the callback, which must end.
         """
-        now_ns = time.time_ns()
+        now_ns = time.monotonic_ns()
         if now_ns < self._pause_ns or not self._running:
             return
         worked_ns = now_ns - max(self._running[-1].begin_ns, self._pause_ns - PAUSE_NS)
@@ -337,7 +338,7 @@ class PromptExecutor(SingleThreadedExecutor):
             ],
             now_ns + max(LOOK_AGAIN_NS, LOOKS * worked_ns),
         )
-        self._pause_ns = time.time_ns() + PAUSE_NS
+        self._pause_ns = time.monotonic_ns() + PAUSE_NS
 
     def call_timer(self, timer: Any, node: Any) -> None:
         """Run a timer callback, unless an earlier callback has destroyed the timer.
@@ -354,7 +355,7 @@ class PromptExecutor(SingleThreadedExecutor):
     def background_work(self, node: Any) -> RunningCallback:
         """Return work of a node during which the messages of all other nodes have priority."""
         own_queues = [queue for queue in self._queues if queue.node is node]
-        return RunningCallback(own_queues, NEVER, time.time_ns())
+        return RunningCallback(own_queues, NEVER, time.monotonic_ns())
 
     def unsettled(self) -> Any | None:
         """Return a node with deferred work; None if there is none."""

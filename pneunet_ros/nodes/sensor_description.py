@@ -47,16 +47,23 @@ class OtherDescriptions:
         """Record which settings of this node are new; times: those of adopted settings."""
         now_ns = time.time_ns()
         new = (name for name, value in after.items() if before.get(name) != value)
-        self.set_ns |= {name: times.get(name, now_ns) for name in new}
+        # A clock that was set back must not make a change older than the one before it.
+        self.set_ns |= {
+            name: times.get(name, max(now_ns, self.set_ns.get(name, 0) + 1)) for name in new
+        }
 
-    def take(self, text: str) -> tuple[dict[str, Any], dict[str, int]]:
+    def take(self, text: str, pressure: str) -> tuple[dict[str, Any], dict[str, int]]:
         """Process the `model_info` of another node; return its newer settings, with their times.
 
-        text: the `model_info`, as JSON.
+        text: the `model_info`, as JSON; pressure: topic of this node: one that reads another is of
+        another arm.
         """
         try:
             content = json.loads(text)
-            described = self._descriptions[content['node']] = dict(content['sensors'])
+            if content.get('pressure', pressure) != pressure:
+                return {}, {}
+            described = dict(content['sensors']) | {'model': content.get('hash')}
+            self._descriptions[content['node']] = described
             times = {
                 name: int(at_ns)
                 for name, at_ns in content.get('sensors_set_ns', {}).items()
@@ -71,8 +78,8 @@ class OtherDescriptions:
     ) -> Iterator[str]:
         """Describe how the settings of other nodes differ.
 
-        own_name: full name of this node; sensors: its description; running: full names of running
-        nodes.
+        own_name: full name of this node; sensors: its description, with the hash of its `model`;
+        running: full names of running nodes.
         """
         for node, described in sorted(self._descriptions.items()):
             if node == own_name or node not in running:

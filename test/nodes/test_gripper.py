@@ -172,30 +172,54 @@ def test_nodes_of_one_arm_say_that_they_differ_until_something_is_set_while_they
         assert process.end(signal.SIGTERM) == 0, process.text
 
 
+def test_a_node_that_reads_another_pressure_is_of_another_arm():
+    others = OtherDescriptions()
+    said = {'node': '/p/other', 'pressure': '/valves/2', 'sensors': {'pressure_offset': 5.0}}
+    text = json.dumps(said | {'sensors_set_ns': {'pressure_offset': 70}})
+    assert others.take(text, '/valves/1') == ({}, {})
+    assert list(others.differences('/p/one', {'pressure_offset': 0.0}, ['/p/other'])) == []
+    assert others.take(text, '/valves/2')[0] == {'pressure_offset': 5.0}
+
+
+def test_nodes_of_one_arm_with_different_models_say_so():
+    others = OtherDescriptions()
+    said = {'node': '/p/fusion', 'pressure': '/p', 'hash': 'abc', 'sensors': {}}
+    others.take(json.dumps(said), '/p')
+    (sentence,) = others.differences('/p/estimator', {'model': 'def'}, ['/p/fusion'])
+    assert 'abc' in sentence and 'def' in sentence
+
+
+def test_a_setting_is_newer_than_the_last_though_the_clock_was_set_back(monkeypatch):
+    others, before = OtherDescriptions(), {'pressure_offset': 0.0}
+    others.note_set(before, {'pressure_offset': 1.0}, {'pressure_offset': 2**62})
+    others.note_set({'pressure_offset': 1.0}, {'pressure_offset': 2.0}, {})
+    assert others.set_ns['pressure_offset'] > 2**62
+
+
 def test_what_was_set_last_is_taken_over_with_its_time():
     others, before = OtherDescriptions(), {'pressure_offset': 0.0, 'wrench_sign': 1}
     said = {'node': '/p/estimator', 'sensors': {'pressure_offset': 5.0, 'wrench_sign': -1}}
-    assert others.take(json.dumps(said)) == ({}, {})  # as it was started: only reported
+    assert others.take(json.dumps(said), '/p') == ({}, {})  # as it was started: only reported
     newer = json.dumps(said | {'sensors_set_ns': {'pressure_offset': 70}})
-    assert others.take(newer) == ({'pressure_offset': 5.0}, {'pressure_offset': 70})
+    assert others.take(newer, '/p') == ({'pressure_offset': 5.0}, {'pressure_offset': 70})
     others.note_set(before, before | {'pressure_offset': 5.0}, {'pressure_offset': 70})
     assert others.set_ns == {'pressure_offset': 70}
-    assert others.take(newer) == ({}, {})
+    assert others.take(newer, '/p') == ({}, {})
     others.note_set(before, before | {'pressure_offset': 6.0}, {})
     assert others.set_ns['pressure_offset'] > 70
-    assert others.take(newer) == ({}, {})  # what was set here is newer
+    assert others.take(newer, '/p') == ({}, {})  # what was set here is newer
 
 
 @pytest.mark.parametrize('words', ['', '[]', '1', '{"node": "/a"}', '{"node": [], "sensors": 1}'])
 def test_what_is_no_description_of_a_node_is_passed_over(words):
     others = OtherDescriptions()
-    assert others.take(words) == ({}, {})
+    assert others.take(words, '/p') == ({}, {})
     assert list(others.differences('/p/fusion', {'wrench_sign': 1}, ['/a'])) == []
 
 
 def test_a_node_that_is_gone_differs_no_more():
     others, own = OtherDescriptions(), {'wrench_sign': 1, 'pressure_offset': 0.0}
-    others.take(json.dumps({'node': '/p/estimator', 'sensors': {'wrench_sign': -1}}))
+    others.take(json.dumps({'node': '/p/estimator', 'sensors': {'wrench_sign': -1}}), '/p')
     (sentence,) = others.differences('/p/fusion', own, ['/p/estimator'])
     assert 'wrench_sign' in sentence
     assert 'pressure_offset' not in sentence

@@ -15,6 +15,8 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from pneunet_ros.core.arrivals import ArrivalOrder, LONGEST_WAIT_NS  # noqa: E402
 from pneunet_ros.core.pauses import pause, work_in_pauses  # noqa: E402
+from pneunet_ros.nodes import prompt_executor  # noqa: E402
+from pneunet_ros.nodes.callback_errors import CallbackErrors  # noqa: E402
 from pneunet_ros.nodes.prompt_executor import ImmediateGroup, LONG_NS, PromptExecutor  # noqa: E402
 from pneunet_ros.nodes.topics import input_qos, output_qos, subscription  # noqa: E402
 import rclpy  # noqa: E402
@@ -166,6 +168,7 @@ def test_what_a_node_left_is_done_when_no_message_waits(executor, node):
         heard.append('settled')
 
     node.is_unsettled, node.settle = False, settle
+    node.errors = CallbackErrors(lambda kind, text: None)
     subscription(node, STRING, 'words', take, output_qos())
     out = node.create_publisher(String, 'words', 10)
     turn_until(executor, node, out.get_subscription_count)
@@ -213,11 +216,59 @@ def test_timers_have_their_turns_beside_a_backlog(executor, node):
         called.append('message')
 
     for _ in range(500):
-        order.add('words', time.time_ns(), 0, work)
+        order.add('words', time.monotonic_ns(), 0, work)
     time.sleep(0.02)  # all timers are due
     while len(set(called)) < 6:
         executor.take_turn()
     assert called.count('message') < 100
+
+
+def test_work_left_for_later_that_fails_does_not_end_the_executor(executor, node):
+    def settle():
+        node.is_unsettled = False
+        raise ValueError
+
+    node.is_unsettled, node.settle = True, settle
+    node.errors = CallbackErrors(lambda kind, text: None)
+    node.create_timer(0.01, lambda: None)
+    while node.is_unsettled:
+        executor.take_turn()
+    assert sum(node.errors.total.values()) == 1
+
+
+def test_a_clock_that_is_set_back_holds_nothing_back(executor, node, monkeypatch):
+    heard, served = [], []
+
+    def serve(request, response):
+        served.append(request)
+        return response
+
+    def take(message, info):
+        heard.append(message.data)
+
+    monkeypatch.setattr(prompt_executor, 'SERVICE_NS', 30_000_000)  # longer than gaps of words
+    subscription(node, STRING, 'words', take, output_qos())
+    node.create_service(Trigger, 'serve', serve)
+    out = node.create_publisher(String, 'words', 10)
+    client = node.create_client(Trigger, 'serve')
+    turn_until(executor, node, lambda: out.get_subscription_count() and client.service_is_ready())
+    end = threading.Event()
+
+    def talk():
+        while not end.wait(0.002):
+            out.publish(String(data='often'))
+
+    talking = threading.Thread(target=talk)
+    talking.start()
+    turn_until(executor, node, lambda: len(heard) > 20)
+    real = time.time_ns
+    monkeypatch.setattr(time, 'time_ns', lambda: real() - 3600 * 10**9)
+    client.call_async(Trigger.Request())
+    try:
+        turn_until(executor, node, lambda: served)
+    finally:
+        end.set()
+        talking.join()
 
 
 def test_what_does_not_fit_is_left_to_the_middleware_which_keeps_the_last(executor, node):
