@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.outcome import drop, Refusal
 from pneunet_ros.core.readings import FrameReading
-from pneunet_ros.core.stamps import match_stamps, Stamps
+from pneunet_ros.core.stamps import match_stamps, RESTARTED, stamp_fault, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.base_gravity import BaseGravity, Direction, GravitySource
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -90,7 +90,7 @@ def read_gravity(
     if not required and BASE_IMU not in found.values():
         return None
     known, refused, counts = BaseGravity(), dict[str, Refusal](), Counter[str]()
-    stamps, directions = list[int](), list[Direction]()
+    stretches: list[list[tuple[int, Direction]]] = [[]]  # between jumps back in time
     for message in recording.messages(tuple(found)):
         refusal: Refusal | None
         try:
@@ -105,10 +105,15 @@ def read_gravity(
             continue
         read_ns = known.reading.stamp_ns if known.reading else newest(reading)
         direction, _ = source.at(known, read_ns)
-        if direction is not None and read_ns > (stamps[-1] if stamps else -1):
-            stamps.append(read_ns)
-            directions.append(direction)
-    if not stamps:
+        if direction is None:
+            continue
+        last_ns = stretches[-1][-1][0] if stretches[-1] else -1
+        if stamp_fault(BASE_IMU.label, last_ns, read_ns)[0] == RESTARTED:
+            stretches.append([(read_ns, direction)])
+        elif read_ns > last_ns:
+            stretches[-1].append((read_ns, direction))
+    kept = max(stretches, key=len)  # as of the readings
+    if not kept:
         refusal_at_start = source.at(known, 1)[1]
         why = [one.sentence for one in refused.values()] or [
             refusal_at_start.sentence if refusal_at_start else ''
@@ -116,8 +121,8 @@ def read_gravity(
         raise RecordingError(f'{recording.path}: {"; ".join(why)}', reason='no_gravity')
     varies = not source.frame or source.moves(known)
     return RecordedGravity(
-        stamp_ns=np.array(stamps, dtype=np.int64),
-        direction=np.array(directions),
+        stamp_ns=np.array([read_ns for read_ns, _ in kept], dtype=np.int64),
+        direction=np.array([direction for _, direction in kept]),
         reach=settings.gravity_timeout if varies else math.inf,
         sentences=tuple(
             f'left out {count} readings of gravity ({reason}): {refused[reason].sentence}'

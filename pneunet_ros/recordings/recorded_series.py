@@ -86,13 +86,36 @@ def find_series(
     Raises RecordingError like `Recording.find`, with a remedy if the topic is missing.
     """
     name, override = sensor.name, overrides.get(sensor.name)
-    if override is None and not recording.candidates(name, sensor.type):
+    found = recording.candidates(name, sensor.type)
+    if override is None and sensor in SENSORS:
+        found = without_other_arms(recording, found, overrides)
+        override = found[0] if len(found) == 1 else None
+    if override is None and not found:
         if not required:
             return None
         raise RecordingError(
             f'{recording.path} {without_topic(recording, sensor)}', reason='no_topic'
         )
     return recording.find(name, sensor.type, override)
+
+
+def without_other_arms(
+    recording: Recording, candidates: Iterable[str], overrides: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Return the candidates but those of other arms.
+
+    A topic that is named where there are several means one arm: its namespace, not theirs.
+    """
+    types = {topic.name: topic.type for topic in recording.topics}
+    for name, topic in overrides.items():
+        rivals = recording.candidates(name, types.get(topic, ''))
+        if topic in rivals:  # else its name does not tell arms apart
+            own = topic.removesuffix(name)
+            others = tuple(one.removesuffix(name) for one in rivals if one != topic)
+            candidates = [
+                one for one in candidates if one.startswith(own) or not one.startswith(others)
+            ]
+    return tuple(candidates)
 
 
 def without_topic(recording: Recording, sensor: Input[Any]) -> str:

@@ -254,3 +254,16 @@ def test_a_prediction_without_readings_asks_where_gravity_points(tmp_path, capsy
     assert main(command) == 2
     assert '--gravity' in capsys.readouterr().err
     assert main([*command, '--gravity=0,-1']) == 0
+
+
+def test_after_a_jump_back_in_time_the_longest_stretch_counts_as_of_the_readings(tmp_path):
+    messages = []
+    for count, force in ((25, (0.0, G, 0.0)), (40, (G, 0.0, 0.0))):
+        for step in range(count):
+            message = imu_message(
+                (1000 + 100 * step) * MS, np.array(force), BASE_FRAME, ROSBAGS_TYPES
+            )
+            messages.append((len(messages), BASE_IMU, message))
+    with_messages(tmp_path / 'jump.mcap', messages)
+    read = read_gravity(open_recording(tmp_path / 'jump.mcap'), {}, AS_SHIPPED, gravity_of('imu'))
+    assert read.at(np.array([1500 * MS])) == pytest.approx(np.array([[-1.0, 0.0]]))

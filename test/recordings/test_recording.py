@@ -10,12 +10,15 @@ import tracemalloc
 from mcap.writer import CompressionType, Writer
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.messages.readings import (
+    BASE_IMU,
     decode_pressure,
     decode_wrench,
+    END_WRENCH,
     PRESSURE_TYPE,
     WRENCH_TYPE,
 )
 from pneunet_ros.recordings.message_store import jazzy, serialize
+from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
@@ -82,6 +85,22 @@ def test_two_candidates_are_listed(tmp_path):
     said = str(caught.value)
     assert all(topic in said for topic in ('/left/pressure', '/right/pressure', '--topic'))
     assert recording.find('pressure', PRESSURE_TYPE, '/right/pressure') == '/right/pressure'
+
+
+def test_the_sensors_of_another_arm_are_not_those_of_a_named_topic(tmp_path):
+    with write_recording(tmp_path / 'r.mcap') as writer:
+        for topic in ('/left/pressure', '/right/pressure'):
+            writer.write(writer.add(topic, PRESSURE_TYPE), 0, pressure(0))
+        for topic in ('/right/end_wrench', '/base_imu'):
+            sensor = BASE_IMU if topic == '/base_imu' else END_WRENCH
+            writer.add(topic, sensor.type)
+    recording = open_recording(tmp_path / 'r.mcap')
+    for arm, wrench in (('left', None), ('right', '/right/end_wrench')):
+        named = {'pressure': f'/{arm}/pressure'}
+        assert find_series(recording, END_WRENCH, named, required=False) == wrench
+        assert find_series(recording, BASE_IMU, named, required=False) == '/base_imu'
+    with refused(RecordingError, 'no_topic'):
+        find_series(recording, END_WRENCH, {'pressure': '/left/pressure'})
 
 
 def test_an_override_must_name_a_topic_of_the_type(recording):
