@@ -13,6 +13,10 @@ from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState, RunningNis
 
+NO_LONGER_READ = (
+    'end_wrench: no recent reading, so the force is estimated without it. Check the force sensor, '
+    'its cable and the clock of its stamps'
+)
 AMBIGUOUS = 'no force is published, because two different loads explain the targets'
 
 
@@ -30,6 +34,7 @@ class FusionHealth(InputHealth):
         self._solve_time: float | None = None
         self._nis: RunningNis | None = None
         self._warnings: dict[str, None] = {}
+        self._force_was_read = False
 
     def record(self, sensor: str, outcome: object, now: float, solve_time: float | None) -> None:
         """Record the outcome of a sensor's message, and its processing time (s).
@@ -44,6 +49,7 @@ class FusionHealth(InputHealth):
             self.take(outcome, now)
         if isinstance(outcome, FusedEstimate):
             self._estimate, self._solve_time = outcome, solve_time
+            self._force_was_read |= outcome.estimate.wrench_age is not None
             self._warnings.update(dict.fromkeys(warnings_of(outcome)))
 
     def report(
@@ -80,11 +86,20 @@ class FusionHealth(InputHealth):
         if errors:
             return Level.ERROR, '; '.join([*errors, *beyond])
         warnings = [*dropped, *self._warnings, *beyond]
+        if self._lacks_force():
+            warnings.append(NO_LONGER_READ)
         if warnings:
             return Level.WARN, '; '.join(warnings)
         if self._estimate is None:
             return Level.OK, f'waiting for {self.source}'
         return Level.OK, f'estimating at {self.rate(now):.3g} Hz: {self._estimate.mode.sentence}'
+
+    def _lacks_force(self) -> bool:
+        """Whether a force sensor was read, and the last estimate had to do without."""
+        last = self._estimate
+        if last is None or not self._force_was_read or last.force_sensor is not None:
+            return False
+        return last.estimate.wrench_age is None
 
     def _values(self, state: FusionState, now: float, *, silent: bool) -> dict[str, str]:
         """Return numbers by name, those of an estimate only while there are estimates."""

@@ -116,6 +116,15 @@ def test_level_and_words_are_those_of_the_estimate(outcome, level, words, values
     assert {name: report.values[name] for name in values} == values
 
 
+def test_a_force_sensor_that_is_no_longer_read_is_said():
+    health = FusionHealth('/p/pressure', '/p/targets', 100.0)
+    levels = []
+    for at, outcome in enumerate((fused(), fused(wrench_age=0.01), fused(), fused())):
+        health.record('pressure', outcome, 100.1 + at, 0.001)
+        levels.append(health.report(FusionState(), FUSION, 100.2 + at).level)
+    assert levels == [Level.OK, Level.OK, Level.WARN, Level.WARN]
+
+
 def test_silence_is_an_error_and_what_belongs_to_an_estimate_is_empty():
     report = report_of(fused(), now=101.0)
     assert report.level == Level.ERROR
