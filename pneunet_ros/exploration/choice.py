@@ -56,14 +56,19 @@ def next_choice(
     ranked = ranked_choices(investigation, rivals, safe, settings)
     if ranked:
         return ranked[0]
-    return choice_in_order(recorded)  # undecided: experiments not yet recorded may help
+    return choice_in_order(safe, recorded)  # undecided: those not yet recorded may help
 
 
-def choice_in_order(recorded: int) -> Choice:
+def choice_in_order(safe: SafeSet, recorded: int) -> Choice:
     """Return the scheduled experiment after this many recordings."""
-    items = tuple(experiments())
+    items = allowed(safe)
     item = items[(recorded - 1) % len(items)]
     return Choice(experiment=item, seconds=item.seconds, rate=0.0, divergence={})
+
+
+def allowed(safe: SafeSet) -> tuple[Experiment, ...]:
+    """Return the experiments that the limits allow."""
+    return tuple(item for item in experiments() if safe.allows(item))
 
 
 def ranked_choices(
@@ -76,10 +81,11 @@ def ranked_choices(
     if isinstance(investigation, UnsettledInvestigation):
         return []
     trial = trial_in_question(investigation)
-    items = tuple(experiments())
+    items = allowed(safe)
     candidates = rival_candidates(investigation.selection, trial)
     span = safe.low, safe.high
-    tried = informations(trial.refit, items, candidates, span, safe.force, settings.frames)
+    limited = [safe.within(item) for item in items]
+    tried = informations(trial.refit, limited, candidates, span, safe.force, settings.frames)
     if tried is None:
         return []
     known, after = tried

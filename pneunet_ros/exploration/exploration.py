@@ -114,7 +114,7 @@ def explore(
             return
         on_progress('the next recording', 0, 0)
         if in_order:
-            choice = choice_in_order(len(runs))
+            choice = choice_in_order(safe, len(runs))
         else:
             choice = next_choice(investigation, rivals, safe, len(runs), settings)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -10,16 +10,23 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.diagnosis.experiment_design import Experiment, pressures_at
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.domain import DOMAIN
+from pneunet_ros.model.domain import DOMAIN, LoadHull, PRESSURE
+import scipy
+
+SHARES = 1e6  # of a load: beyond the precision of the search for the border of the hull
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafeSet:
-    """Limits for the arm: gauge pressure (Pa) from low to high, largest force (N)."""
+    """Limits for the arm: gauge pressure (Pa) from low to high, largest force (N).
+
+    hull: the loads of the calibration, within which forces stay; None: the arm was never loaded.
+    """
 
     low: float
     high: float
     force: float
+    hull: LoadHull | None = None
 
     def __post_init__(self) -> None:
         """Check the order."""
@@ -39,10 +46,49 @@ class SafeSet:
         # An arm under vacuum ends where its gauge reads noise at rest.
         rest = DOMAIN.pressure_noise * arm.sensors.pressure_std
         low, high = (low, min(high, 0.0)) if high <= min(rest, -low) else (max(low, 0.0), high)
-        return cls(low=low, high=high, force=force or arm.weight)
+        hull = arm.load_hull if force else None
+        return cls(low=low, high=high, force=force or arm.weight, hull=hull)
+
+    def within(self, experiment: Experiment) -> Experiment:
+        """Return an experiment with all its forces reduced by one factor, so that they are safe.
+
+        Between corners they are as well, because the hull is convex.
+        """
+        if self.hull is None:
+            return experiment
+        time, share, x, y = np.array(experiment.corners, dtype=np.float64).T
+        pressure = pressures_at(share, (self.low, self.high))
+        loads = np.column_stack([self.force * x, self.force * y, np.zeros(time.size), pressure])
+        factor = math.floor(SHARES * min(share_inside(self.hull, load) for load in loads)) / SHARES
+        corners = np.column_stack([time, share, factor * x, factor * y])
+        return replace(experiment, corners=tuple(map(tuple, corners.tolist())))
+
+    def allows(self, experiment: Experiment) -> bool:
+        """Whether something is left of the forces of an experiment, if it has any."""
+        return self.within(experiment).loaded == experiment.loaded
 
     def corners(self, experiment: Experiment) -> Array:
         """Return the corners (k, 4) of an experiment: time s, pressure Pa, F1 and F2 N."""
-        time, share, x, y = np.array(experiment.corners, dtype=np.float64).T
+        time, share, x, y = np.array(self.within(experiment).corners, dtype=np.float64).T
         pressure = pressures_at(share, (self.low, self.high))
         return np.column_stack([time, pressure, self.force * x, self.force * y])
+
+
+def share_inside(hull: LoadHull, load: Array) -> float:
+    """Return the largest share, up to 1, of the end load in a load (4,) that is in a hull.
+
+    0 where the pressure is outside.
+    """
+    along, rest = hull.scale * load, hull.scale * load
+    along[PRESSURE] = rest[:PRESSURE] = 0.0
+    count = len(hull.points)
+    # Unknowns: the weights of the points, which add up to 1, and the share.
+    equations = np.zeros((len(load) + 1, count + 1))
+    equations[:-1, :-1], equations[:-1, -1], equations[-1, :-1] = hull.points.T, -along, 1.0
+    found = scipy.optimize.linprog(
+        -np.eye(count + 1)[-1],
+        A_eq=equations,
+        b_eq=np.append(rest, 1.0),
+        bounds=[(0.0, None)] * count + [(0.0, 1.0)],
+    )
+    return float(found.x[-1]) if found.success else 0.0

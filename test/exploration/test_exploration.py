@@ -17,6 +17,7 @@ from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.choice import (
+    allowed,
     choice_in_order,
     pair_divergences,
     ranked_choices,
@@ -31,6 +32,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.scenario import Detail
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.motion import Motion
@@ -64,6 +66,28 @@ def test_the_safe_set_of_a_model_is_what_it_was_calibrated_to():
     assert SafeSet.of(replace(MODEL, domain=None)).force == MODEL.weight
     with refused(RequestError, 'out_of_bounds'):
         SafeSet(low=2.0, high=1.0, force=0.1)
+
+
+@pytest.mark.parametrize('item', [*experiments()], ids=lambda item: item.words[:60])
+def test_no_experiment_leaves_the_loads_of_the_calibration(item):
+    """Forces of the size of the largest, in other directions, were up to 28 % beyond them."""
+    safe = SafeSet.of(MODEL)
+    corners = safe.corners(item)
+    for _, pressure, x, y in corners.tolist():
+        assert not solve(MODEL, pressure, (x, y)).extrapolated
+    assert safe.allows(item)
+
+
+def test_an_experiment_in_a_direction_without_a_calibrated_load_is_not_chosen():
+    loads = [[0.2, 0.0, 0.0, pressure] for pressure in MODEL.pressure_range]
+    domain = Domain(pressure=MODEL.pressure_range, end_load=np.array(loads))
+    safe = SafeSet.of(replace(MODEL, domain=domain))
+    for item in experiments():
+        assert safe.allows(item) == (not item.loaded or '(E1)' in item.words)
+        if item.loaded and safe.allows(item):
+            assert safe.corners(item)[:, 2].max() == pytest.approx(0.2, abs=1e-6)
+    turn = len(allowed(safe))
+    assert choice_in_order(safe, turn + 1).experiment == next(experiments())
 
 
 def test_an_arm_under_vacuum_begins_at_rest_whatever_its_gauge_read_there():
@@ -168,7 +192,7 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
 def test_a_round_without_a_diagnosis_is_shown_without_rivals(capsys):
     diagnosis = UnsettledDiagnosis(sentence='It did not converge.', notes=(), seed=0)
     only = Round(
-        choice=choice_in_order(1),
+        choice=choice_in_order(SAFE, 1),
         run=None,
         investigation=UnsettledInvestigation(diagnosis=diagnosis),
         rivals={},
@@ -183,8 +207,8 @@ def test_a_round_without_a_diagnosis_is_shown_without_rivals(capsys):
 
 def test_without_a_choice_the_experiments_come_in_turn():
     items = list(experiments())
-    assert choice_in_order(1).experiment == items[0]
-    assert choice_in_order(len(items) + 2).experiment == items[1]
+    assert choice_in_order(SAFE, 1).experiment == items[0]
+    assert choice_in_order(SAFE, len(items) + 2).experiment == items[1]
 
 
 def test_a_model_becomes_an_arm_of_the_lab():

@@ -215,7 +215,7 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
             'calibrate it with larger loads first',
             reason='out_of_range',
         )
-    return SafeSet(low=low, high=high, force=force)
+    return replace(known, low=low, high=high, force=force)
 
 
 def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
