@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import io
 import json
 from pathlib import Path
@@ -13,10 +14,14 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.conclusion import take_back
 from pneunet_ros.discovery.result import Discovery
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.offline import live_arm
 from pneunet_ros.offline.live_arm import NAMESPACE, recorder_of
+from pneunet_ros.recordings import dataset_reader
+from pneunet_ros.recordings.dataset_reader import read_run
 import pytest
 from support.refusals import refusal, refused
 from support.small_diagnosis import without_figures
@@ -133,6 +138,16 @@ def test_by_hand_it_says_what_to_do_and_waits(run, monkeypatch):
     assert f'{BEGINNING.seconds:g} s: {BEGINNING.words}' in err
     assert '  26.0   30.0   0.000   0.000' in err
     assert err.count('Enter') == 2
+
+
+def test_a_recording_under_load_without_the_load_is_refused(run, monkeypatch):
+    loaded = next(item for item in experiments() if item.loaded)
+    monkeypatch.setattr(exploration, 'BEGINNING', loaded)
+    without = partial(read_run, settings=EstimatorSettings(wrench_required=False))
+    monkeypatch.setattr(dataset_reader, 'read_run', without)
+    code, out, _ = run('--simulated', 'small.yaml', '--output', 'out', '--json')
+    assert code == 2
+    assert json.loads(out)['reason'] == 'not_loaded'
 
 
 @pytest.fixture

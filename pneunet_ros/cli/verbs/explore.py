@@ -121,6 +121,7 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.exploration.exploration import explore, is_clear
     from pneunet_ros.files.model_file import load_model, model_hash
+    from pneunet_ros.messages.readings import END_WRENCH
     from pneunet_ros.recordings.dataset_reader import read_run
     from pneunet_ros.reports.diagnosis.report import Given, next_steps
     from pneunet_ros.reports.exploration.report import (
@@ -152,7 +153,15 @@ def run(arguments: Namespace) -> int:
         notes.extend(f'{path.name}: {sentence}' for sentence in sentences)
         for sentence in sentences:
             console.print(f'note: {path.name}: {sentence}')
-        return data if experiment.loaded else data.without_load()
+        if not experiment.loaded:
+            return data.without_load()
+        if not data.loaded:
+            raise RecordingError(
+                f'{path}: the load is missing: a recording under load needs {END_WRENCH.name}, '
+                'the force at every time, from a sensor or entered by hand',
+                reason='not_loaded',
+            )
+        return data
 
     settings = replace(EXPLORATION, recordings=arguments.recordings)
     provenance = {
