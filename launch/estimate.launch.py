@@ -6,7 +6,7 @@ ARGUMENTS = {
     'namespace': ('/pneunet', 'namespace of the node and its topics'),
     'params_file': ('', 'YAML file with parameters, such as config/estimator.yaml; empty: none'),
     'model_file': ('', 'model file of the arm; empty: the shipped config/paper_arm.yaml'),
-    'use_sim_time': ('false', 'whether time comes from /clock'),
+    'use_sim_time': ('', 'whether time comes from /clock; empty: as in params_file, or false'),
     'log_level': ('info', 'debug, info, warn or error'),
 }
 

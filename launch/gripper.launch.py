@@ -1,8 +1,14 @@
 """Start the node `gripper`, several arms in one process: parameters in config/gripper.yaml."""
 
 from pneunet_ros.core.share import share_path
-from pneunet_ros.nodes.launch_description import describe_launch, full_name, is_true, node, number
-from pneunet_ros.nodes.params_file import parameters_of
+from pneunet_ros.nodes.launch_description import (
+    argument,
+    describe_launch,
+    full_name,
+    is_true,
+    node,
+    number,
+)
 from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper
 
 ARGUMENTS = {
@@ -22,7 +28,7 @@ ARGUMENTS = {
         '',
         'diameter of that object, m; 0: there is none; empty: as in params_file, or 0.04',
     ),
-    'use_sim_time': ('false', 'whether time comes from /clock'),
+    'use_sim_time': ('', 'whether time comes from /clock; empty: as in params_file, or false'),
     'log_level': ('info', 'debug, info, warn or error'),
 }
 
@@ -31,13 +37,11 @@ def nodes(given):
     if not is_true('virtual', given):
         return [node('gripper', given, model_file=given['model_file'])]
     file = given['params_file'] or str(share_path('config/gripper.yaml'))
-    in_file = parameters_of(file, full_name('gripper', given)).get('model_file')
-    model = given['model_file'] or ('' if in_file else str(share_path('config/lab_arm.yaml')))
-    width = number('object_width', given) if given['object_width'] else ''
     given = {**given, 'params_file': file}
+    model = argument('model_file', 'gripper', given, str(share_path('config/lab_arm.yaml')))
     played_gripper([file], full_name('gripper', given))  # refused here, not by the first process
     return [
-        node('virtual_gripper', given, object_width=width),
+        node('virtual_gripper', given, object_width=number('object_width', given)),
         node('gripper', given, model_file=model),
     ]
 

@@ -7,7 +7,7 @@ ARGUMENTS = {
     'params_file': ('', 'YAML file with parameters, such as config/tracker.yaml; empty: none'),
     'model_file': ('', 'model file of the arm; empty: the shipped config/paper_arm.yaml'),
     'camera_file': ('', 'camera file; empty: the shipped config/camera.yaml'),
-    'use_sim_time': ('false', 'whether time comes from /clock'),
+    'use_sim_time': ('', 'whether time comes from /clock; empty: as in params_file, or false'),
     'log_level': ('info', 'debug, info, warn or error'),
 }
 

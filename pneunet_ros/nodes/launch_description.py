@@ -97,29 +97,41 @@ def is_true(name: str, given: Given) -> bool:
     return TRUE_OR_FALSE[value]
 
 
-def number(name: str, given: Given) -> float:
-    """Return an argument that is a number; raises RequestError for any other value."""
+def number(name: str, given: Given) -> float | str:
+    """Return an argument that is a number, or '' if empty; RequestError for any other value."""
     try:
-        return float(given[name])
+        return float(given[name]) if given[name] else ''
     except ValueError as error:
         raise RequestError(
             f'{name}:={given[name]}: must be a number', reason='not_a_number'
         ) from error
 
 
+def parameters_in_file(executable: str, given: Given) -> dict[str, Any]:
+    """Return the parameters of a node in params_file; none without one."""
+    file = given['params_file']
+    return parameters_of(file, full_name(executable, given)) if file else {}
+
+
+def argument(name: str, executable: str, given: Given, default: Any) -> Any:
+    """Return an argument; without one, '' for a parameter in params_file, or else a default."""
+    in_file = parameters_in_file(executable, given).get(name, '')
+    return given.get(name, '') or (default if in_file == '' else '')
+
+
 def node(executable: str, given: Given, **parameters: Any) -> Any:
     """Return a node of this package.
 
-    given: namespace, params_file (empty: none), use_sim_time and log_level. parameters come before
-    those of params_file; empty ones are omitted. Raises RequestError for values that the node
-    would reject. Also raises it if params_file is not a file, because launch_ros would then start
-    a node with other parameters than requested.
+    given: namespace, params_file (empty: none), use_sim_time (empty: as in params_file) and
+    log_level. parameters come before those of params_file; empty ones are omitted. Raises
+    RequestError for values that the node would reject. Also raises it if params_file is not a
+    file, because launch_ros would then start a node with other parameters than requested.
     """
     used = {name: value for name, value in parameters.items() if value != ''}
     check_names(given)
     check_parameters(executable, given, used)
-    if is_true('use_sim_time', given):
-        used['use_sim_time'] = True
+    if given['use_sim_time']:
+        used['use_sim_time'] = is_true('use_sim_time', given)
     typed = {name: ParameterValue(value, value_type=type(value)) for name, value in used.items()}
     return Node(
         package=PACKAGE,
@@ -151,15 +163,10 @@ def check_names(given: Given) -> None:
 
 
 def check_parameters(executable: str, given: Given, used: Mapping[str, Any]) -> None:
-    """Raise PneunetError if a node of this package would reject its parameters or files.
-
-    Those of params_file are known only in an absolute namespace.
-    """
+    """Raise PneunetError if a node of this package would reject its parameters or files."""
     answer_first()
     of_node = import_module(f'{PACKAGE}.nodes.{executable}.configuration')
-    in_file: dict[str, Any] = {}
-    if given['params_file'] and given['namespace'].startswith('/'):
-        in_file = parameters_of(given['params_file'], full_name(executable, given))
+    in_file = parameters_in_file(executable, given)
     table, configured = of_node.PARAMETERS, getattr(of_node, f'configured_{executable}')
     texts = {item.name for item in table.fields if isinstance(item.default, str)}
     known = {  # ROS reads more words as true or as a number than YAML does
@@ -173,5 +180,6 @@ def check_parameters(executable: str, given: Given, used: Mapping[str, Any]) -> 
 
 
 def full_name(executable: str, given: Given) -> str:
-    """Return the full name of a node in an absolute namespace."""
-    return f'{given["namespace"].rstrip("/")}/{executable}'
+    """Return the full name of a node; a relative namespace has no parent here."""
+    names = [*filter(None, given['namespace'].split('/')), executable]
+    return f'/{"/".join(names)}'

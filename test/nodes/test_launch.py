@@ -120,11 +120,7 @@ def described(monkeypatch, installed):
         (actions,) = content['generate_launch_description']().values
         context = {'used': set()}
         for action in found(actions, 'DeclareLaunchArgument'):
-            default = action.named['default_value']
-            if not isinstance(default, str):
-                ((_, *path),) = default.values
-                default = str(share_path('/'.join(path)))
-            context[action.values[0]] = default
+            context[action.values[0]] = action.named['default_value']
         (later,) = found(actions, 'OpaqueFunction')
         nodes = later.named['function'](context | given)
         assert context['used'] == set(context) - {'used'}
@@ -171,7 +167,8 @@ def test_true_and_false_are_read_as_people_write_them(described, said, wanted):
     assert ('fusion' in [node.named['executable'] for node in nodes]) is wanted
     assert ('rviz2' in [node.named['executable'] for node in nodes]) is wanted
     of_package = [node for node in nodes if node.named['package'] == 'pneunet_ros']
-    assert all(('use_sim_time' in node.named['parameters'][0]) is wanted for node in of_package)
+    for node in of_package:
+        assert node.named['parameters'][0]['use_sim_time'].values == (wanted,)
 
 
 def test_what_is_neither_true_nor_false_is_refused(described):
@@ -293,6 +290,32 @@ def test_what_is_not_given_does_not_hide_what_a_file_says(described, name):
         assert not empty & set(parameters)
 
 
+def test_defaults_of_the_demo_do_not_hide_what_a_file_says(described, tmp_path):
+    path, own = tmp_path / 'own.yaml', str(share_path('config/paper_arm.yaml'))
+    path.write_text(
+        f'/**:\n  ros__parameters: {{model_file: {own}, use_sim_time: true}}\n'
+        '/**/virtual_arm:\n  ros__parameters: {swing_period: 0.0, camera: targets}\n'
+    )
+    given = {'params_file': str(path), 'use_sim_time': 'false'}
+    for node in found(described('demo', **given), 'Node'):
+        _, parameters = node.named['parameters']
+        assert not {'model_file', 'swing_period', 'camera'} & set(parameters)
+        assert parameters['use_sim_time'].values == (False,)
+    nodes = found(described('demo', **given, model_file=LAB_ARM, swing_period='2.0'), 'Node')
+    virtual_arm, *others = (node.named['parameters'][1] for node in nodes)
+    assert virtual_arm['swing_period'].values == (2.0,)
+    assert [one['model_file'].values for one in others] == [(LAB_ARM,)] * 3
+
+
+def test_a_relative_namespace_is_checked_as_an_absolute_one(described, tmp_path):
+    assert list(found(described('gripper', virtual='true', namespace='hand'), 'Node'))
+    path = tmp_path / 'own.yaml'
+    path.write_text('/**/gripper:\n  ros__parameters: {model_file: /nowhere.yaml}\n')
+    for namespace in ('hand', '/hand'):
+        with pytest.raises(PneunetError, match='nowhere'):
+            described('gripper', namespace=namespace, params_file=str(path))
+
+
 @pytest.mark.parametrize('name', FILES)
 def test_every_stand_in_takes_what_it_is_given(described, name):
     for names in NAMES.values():
@@ -302,18 +325,11 @@ def test_every_stand_in_takes_what_it_is_given(described, name):
 
 
 @pytest.mark.parametrize('name', FILES)
-def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
+def test_arguments_are_empty_that_a_file_may_give(described, name):
     for argument in found(described(name), 'DeclareLaunchArgument'):
-        default = argument.named['default_value']
-        if isinstance(default, str):
-            expected = {'namespace': '/pneunet', 'log_level': 'info'}
-            expected |= dict.fromkeys(('use_sim_time', 'rviz', 'virtual'), 'false')
-            expected |= {'swing_period': '8.0', 'fusion': 'true'}
-            assert default == expected.get(argument.values[0], '')
-        else:
-            ((share, *path),) = default.values
-            assert share.values == ('pneunet_ros',)
-            assert share_path('/'.join(path)).is_file()
+        expected = {'namespace': '/pneunet', 'log_level': 'info'}
+        expected |= {'rviz': 'false', 'virtual': 'false', 'fusion': 'true'}
+        assert argument.named['default_value'] == expected.get(argument.values[0], '')
 
 
 @pytest.mark.parametrize('name', FILES)
