@@ -13,6 +13,7 @@ pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.core.errors import RequestError  # noqa: E402
+from pneunet_ros.fusion.closing import GripCommand  # noqa: E402
 from pneunet_ros.nodes.gripper import action  # noqa: E402
 from pneunet_ros.nodes.gripper.action import GripperGoals, Turn  # noqa: E402
 from pneunet_ros.nodes.gripper.configuration import GripperSettings  # noqa: E402
@@ -36,7 +37,8 @@ class Held:
         if width < -1.0:
             raise RequestError('no such width')
         self.ordered.append((width, force))
-        self.command, self.held = (width, force), False
+        self.command, self.held = GripCommand(width=width, force=force), False
+        return self.command
 
     def hold(self):
         self.held, self.command = True, None
@@ -117,6 +119,21 @@ def test_a_goal_ends_where_its_command_was_reset(held):
     assert turn(running) is not None and handle.became == 'abort'
 
 
+def test_a_goal_ends_by_another_command_and_not_by_a_refused_goal(held):
+    goals, handle, refused = GripperGoals(held, KIND), Handle(), Handle(width=-2.0)
+    running = goals.execute(handle)
+    turn(running)
+    assert turn(goals.execute(refused)) is not None and refused.became == 'abort'
+    held.see(0.05)
+    assert turn(running) is None and handle.became == ''
+    command = held.order(0.0, 0.03)  # by the topic; equal, but it is not that of the goal
+    held.see(0.0)
+    held.reached = True
+    result = turn(running)
+    assert handle.became == 'abort' and not result.reached_goal
+    assert held.command is command and not held.held  # which goes on
+
+
 def grasping() -> Grasping:
     """Return the part of a gripper that grasps, without topics; nobody listens."""
     found = object.__new__(Grasping)
@@ -142,6 +159,15 @@ def test_a_force_that_is_no_number_is_no_command():
         grasping().order(0.03, math.nan)
     found = grasping()
     assert found.order(0.03, 0.0).force == found.settings.max_force
+
+
+def test_the_force_of_a_command_is_no_more_than_allowed_now():
+    found = grasping()
+    command = found.order(0.03, 0.04)
+    for most, force in ((0.05, 0.04), (0.01, 0.01), (0.05, 0.04)):
+        found.settings = GripperSettings(max_force=most)
+        assert found.allowed.force == force
+    assert found.command is command  # a goal waits for it
 
 
 def test_the_executor_lets_what_is_polled_go_on_while_nothing_wakes_it():

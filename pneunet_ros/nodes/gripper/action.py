@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.fusion.closing import GripCommand
 from pneunet_ros.fusion.grasp import Grasp
 from pneunet_ros.nodes.gripper.grasping import Grasping
 
@@ -40,31 +41,29 @@ def serve_action(node: Any, goals: GripperGoals) -> Any:
 
 
 class GripperGoals:
-    """Executes goals one at a time: a new goal ends the previous one.
+    """Executes goals, each until a newer command replaces its own.
 
     kind: the type of the action. A goal ends when the width is reached, or when the arms hold an
     object with the largest allowed force; the latter sets `stalled` and is not a failure.
     """
 
     def __init__(self, grasping: Grasping, kind: Any) -> None:
-        self.grasping, self.kind, self.goals = grasping, kind, 0
+        self.grasping, self.kind = grasping, kind
 
     async def execute(self, handle: Any) -> Any:
         """Execute a goal; returns its result."""
-        command = handle.request.command
-        self.goals += 1
-        number = self.goals
+        wanted = handle.request.command
         try:
-            self.grasping.order(command.position, command.max_effort)
+            command = self.grasping.order(wanted.position, wanted.max_effort)
         except RequestError:
             handle.abort()
             return self.kind.Result()
         waiting_since = time.monotonic()
         while True:
             grasp = await self.next_grasp(waiting_since)
-            if number != self.goals:
+            if self.grasping.command is not command:
                 handle.abort()
-            elif grasp is None or self.grasping.command is None:
+            elif grasp is None:
                 self.grasping.hold()
                 handle.abort()
             elif handle.is_cancel_requested:
@@ -73,18 +72,19 @@ class GripperGoals:
             elif self.grasping.is_reached() or self.grasping.is_stalled():
                 handle.succeed()
             else:
-                handle.publish_feedback(self.fill_message(self.kind.Feedback(), grasp))
+                handle.publish_feedback(self.fill_message(self.kind.Feedback(), grasp, command))
                 waiting_since = time.monotonic()
                 continue
-            return self.fill_message(self.kind.Result(), grasp)
+            return self.fill_message(self.kind.Result(), grasp, command)
 
-    def fill_message(self, message: Any, grasp: Grasp | None) -> Any:
+    def fill_message(self, message: Any, grasp: Grasp | None, command: GripCommand) -> Any:
         """Return a result or feedback with the width (m) and the mean force of an arm (N)."""
         if grasp is not None:
+            is_own = self.grasping.command is command
             message.position = grasp.width
             message.effort = grasp.force / len(self.grasping.fusions)
-            message.reached_goal = self.grasping.is_reached()
-            message.stalled = self.grasping.is_stalled() and not message.reached_goal
+            message.reached_goal = is_own and self.grasping.is_reached()
+            message.stalled = is_own and self.grasping.is_stalled() and not message.reached_goal
         return message
 
     async def next_grasp(self, waiting_since: float) -> Grasp | None:

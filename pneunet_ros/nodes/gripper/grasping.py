@@ -108,13 +108,22 @@ class Grasping:
 
     def order(self, width: float, force: float) -> GripCommand:
         """Execute a command from now on; force: 0 or less means the largest allowed one."""
-        most = self.settings.max_force
-        command = GripCommand(width=width, force=most if force <= 0.0 else min(force, most))
+        command = GripCommand(
+            width=width, force=self.settings.max_force if force <= 0.0 else force
+        )
         if self.command is None:
             self.pressures, self.commanded_at = {}, -math.inf
             self.forget_frames()  # the arms may have moved since
         self.command = command
         return command
+
+    @property
+    def allowed(self) -> GripCommand | None:
+        """The command, with no more than the force that is allowed now."""
+        if self.command is None:
+            return None
+        force = min(self.command.force, self.settings.max_force)
+        return GripCommand(width=self.command.width, force=force)
 
     def hold(self) -> None:
         """Stop executing commands; the valves hold the last pressure."""
@@ -123,13 +132,14 @@ class Grasping:
     def follow(self, now: float) -> None:
         """Command the next pressures from the latest readings."""
         elapsed, self.commanded_at = now - self.commanded_at, now
-        if self.command is None:
+        command = self.allowed
+        if command is None:
             return
         if not self.pressures or elapsed > self.settings.hold_after:
             fused = {arm: seen.fused.estimate for arm, seen in self.seen.items()}
             self.pressures = {arm: one.shape.pressure for arm, one in fused.items()}
             return
-        self.pressures = self.controller().step(self.seen, self.pressures, self.command, elapsed)
+        self.pressures = self.controller().step(self.seen, self.pressures, command, elapsed)
         kind = message_class(PRESSURE_TYPE)
         stamp_ns = self.node.get_clock().now().nanoseconds
         for arm, pressure in self.pressures.items():
@@ -163,10 +173,11 @@ class Grasping:
 
     def is_stalled(self) -> bool:
         """Whether the grip is at its force limit or cannot close any further."""
-        if self.command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
+        command = self.allowed
+        if command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
             return False
         width = self.grasp.width
-        return self.controller().is_stalled(self.seen, self.pressures, self.command, width)
+        return self.controller().is_stalled(self.seen, self.pressures, command, width)
 
     def forget(self) -> None:
         """Forget all frames and the command."""
@@ -176,7 +187,7 @@ class Grasping:
 
     def texts(self) -> dict[str, str]:
         """Return the values for the diagnostics."""
-        grasp, command = self.grasp, self.command
+        grasp, command = self.grasp, self.allowed
         if grasp is None:
             return {}
         numbers = {
