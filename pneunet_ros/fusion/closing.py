@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.fusion.grasp import Grasp, Gripper, Mount, SeenArm, Touch
+from pneunet_ros.fusion.grasp import determined, Grasp, Gripper, is_unknown, Mount, SeenArm, Touch
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.pressure_search import readings
@@ -115,18 +115,21 @@ class Closing:
 
         The pressure follows from the model or from the local sensitivity of the tip, whichever
         gives more, because an obstacle keeps an arm from its modeled position. It is limited to
-        the pressure that an arm with a fixed tip needs for the remaining force.
+        the pressure that an arm with a fixed tip needs for the remaining force. An arm whose push
+        is unknown does not close any further.
         """
         mount, inward = self.gripper.mounts[name], self.gripper.inward(name)
         side, jacobian = mount.axes[:, :2].T @ inward, seen.fused.estimate.jacobian
         by_model = self.reaches[name].pressure_for(place) - pressure
+        most = 0.0 if is_unknown(touch.force) else np.inf
         slope, give = float(side @ jacobian[:2, 0]), float(side @ jacobian[:2, 1:3] @ side)
         if slope <= 0.0 or give <= 0.0:  # inside a play gap
-            return by_model
+            return min(by_model, most)
         left = (place - float(inward @ mount.origin + side @ touch.point)) / slope
         missing_pressure = max(by_model, left, key=abs) if by_model * left > 0.0 else left
-        grip_force = touch.force if touch.is_touching else np.nan_to_num(seen.fused.force)
-        return min(missing_pressure, (force - float(np.linalg.norm(grip_force))) * give / slope)
+        grip_force = determined(touch.force if touch.is_touching else seen.fused.force)
+        remaining = force - float(np.linalg.norm(grip_force))
+        return min(missing_pressure, most, remaining * give / slope)
 
     def is_stalled(
         self,
@@ -146,9 +149,7 @@ class Closing:
         hard = {
             name
             for name, one in touches.items()
-            if closing
-            and one.is_touching
-            and np.linalg.norm(one.force) >= (1.0 - AS_HARD) * command.force
+            if closing and one.is_touching and one.size >= (1.0 - AS_HARD) * command.force
         }
         touching = {name for name, one in touches.items() if one.is_touching}
         ended = {name for name in pressures if pressures[name] == self.reaches[name].pressure[end]}

@@ -86,7 +86,7 @@ class Touch:
     """Contact surface of an arm, touching something or not.
 
     point (2,) m and its covariance (2, 2), in the bending plane; force (2,) N on the arm and its
-    covariance (2, 2), 0 if nothing touches.
+    covariance (2, 2): 0 if nothing touches, NaN where not determined.
     """
 
     point: Array
@@ -94,6 +94,13 @@ class Touch:
     force: Array
     force_covariance: Array
     is_touching: bool
+
+    @property
+    def size(self) -> float:
+        """Magnitude (N) of the determined components of the force; NaN if its push is unknown."""
+        return (
+            math.nan if is_unknown(self.force) else float(np.linalg.norm(determined(self.force)))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,11 +118,22 @@ class SeenArm:
 
     def is_pushed(self, side: Array) -> bool:
         """Whether something pushes the tip against a unit vector (2,)."""
-        known = np.abs(side) > PARALLEL  # of an axis across the push the force may be unknown
-        force, covariance = self.fused.force[known], self.fused.force_covariance
-        push = -float(side[known] @ force)
-        variance = float(side[known] @ covariance[np.ix_(known, known)] @ side[known])
+        push = -float(side @ determined(self.fused.force))
+        variance = float(side @ determined(self.fused.force_covariance) @ side)
         return push > self.least and push**2 > self.score * variance
+
+
+def determined(values: Array) -> Array:
+    """Return a force or its covariance, with 0 for components that are not determined."""
+    return np.nan_to_num(values)
+
+
+def is_unknown(force: Array) -> bool:
+    """Whether the push on an arm is not determined: F2, because mounts turn its y axis inward.
+
+    F1 of a free straight arm is never determined.
+    """
+    return bool(np.isnan(force[1]))
 
 
 def seen_arm(fusion: Fusion, state: FusionState) -> SeenArm | None:
@@ -155,9 +173,8 @@ def touch_of(seen: SeenArm, mount: Mount, inward: Array) -> Touch:
         normal = normal_at(fused, contact.arclength)
         force = contact.force * normal
         force_covariance = contact.std_force**2 * np.outer(normal, normal)
-    elif pushed:
-        force = np.nan_to_num(fused.force)
-        force_covariance = np.nan_to_num(fused.force_covariance)
+    elif pushed or is_unknown(fused.force):
+        force, force_covariance = fused.force, fused.force_covariance
     return Touch(
         point=freeze(np.array([shape.x[station], shape.y[station]]) + mount.thickness * side),
         covariance=freeze(covariance),
@@ -196,10 +213,10 @@ def normal_at(fused: FusedEstimate, arclength: float) -> Array:
 class Grasp:
     """A grasp, in the frame of the gripper; SI.
 
-    touching: number of arms that touch something. width (m): with two or more, the width of the
-    object, else the opening between the tips, negative if they overlap. center (3,) m. force: sum
-    of the magnitudes (N) of the forces of all arms; balance (3,) N: their vector sum on the
-    object; each with its std.
+    touching: number of arms known to touch something. width (m): with two or more, the width of
+    the object, else the opening between the tips, negative if they overlap. center (3,) m. force:
+    sum of the magnitudes (N) of the forces of all arms; balance (3,) N: their vector sum on the
+    object; each with its std, NaN where not determined.
     """
 
     stamp_ns: int
@@ -322,16 +339,18 @@ class Gripper:
         balance, covariance = np.zeros(3), np.zeros((3, 3))
         for name, touch in touches.items():
             axes = self.mounts[name].axes[:, :2]
-            size = float(np.linalg.norm(touch.force))
-            total += size
-            if size > 0.0:
-                way = touch.force / size
-                variance += float(way @ touch.force_covariance @ way)
-            balance -= axes @ touch.force
-            covariance += axes @ touch.force_covariance @ axes.T
+            force, force_covariance = determined(touch.force), determined(touch.force_covariance)
+            total += touch.size
+            if touch.size > 0.0:
+                way = force / touch.size
+                variance += float(way @ force_covariance @ way)
+            balance -= axes @ force
+            covariance += axes @ force_covariance @ axes.T
+            balance[(np.abs(axes[:, np.isnan(touch.force)]) > PARALLEL).any(axis=1)] = math.nan
+        std_balance = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
         return (
             total,
-            math.sqrt(variance),
+            math.sqrt(variance) if math.isfinite(total) else math.nan,
             freeze(balance),
-            freeze(np.sqrt(np.maximum(np.diagonal(covariance), 0.0))),
+            freeze(np.where(np.isnan(balance), math.nan, std_balance)),
         )

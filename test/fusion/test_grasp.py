@@ -211,11 +211,59 @@ def test_a_width_is_reached_to_a_tolerance(free):
         GripCommand(width=math.nan, force=0.1)
 
 
-@pytest.mark.parametrize('angles', [(0.0, 0.0, 0.3), (0.1, 0.2, 0.3), (0.0, 0.5 * math.pi, 1.2)])
-def test_a_push_is_felt_where_the_force_along_the_arm_is_unknown(angles, pushed):
-    """Rounding leaves 1e-17 of the component that is across the push."""
-    fused = replace(pushed[0][1].fused, force=np.array([np.nan, -PUSH]))
-    axes = mount_of([0.0, 0.0, 0.0, *angles], THICKNESS).axes
-    side = axes[:, :2].T @ axes[:, 1]
-    assert 0.0 < abs(side[0]) < 1e-9
-    assert replace(pushed[0][1], fused=fused).is_pushed(side)
+def without(seen, *components):
+    """Return an arm whose frame does not determine these components of the force."""
+    force, covariance = seen.fused.force.copy(), seen.fused.force_covariance.copy()
+    force[[*components]] = covariance[[*components]] = covariance[:, [*components]] = np.nan
+    return replace(seen, fused=replace(seen.fused, force=force, force_covariance=covariance))
+
+
+def turned(yaw):
+    """Return a gripper of two arms whose clamps are turned towards each other (rad)."""
+    places = {'arm_0': [0.0, -APART, 0.0, 0.0, 0.0, yaw], 'arm_1': [0.0, APART] + [0.0] * 4}
+    places['arm_1'][3:] = [math.pi, 0.0, -yaw]
+    return Gripper(mounts={name: mount_of(place, THICKNESS) for name, place in places.items()})
+
+
+@pytest.mark.parametrize('yaw', [0.0, 0.05, 0.3])
+def test_a_push_is_felt_if_the_force_along_the_arm_is_unknown(yaw, pushed):
+    seen = {f'arm_{index}': without(pushed[index][1], 0) for index in range(2)}
+    grasp = turned(yaw).grasp(seen)
+    assert grasp.touching == 2
+    assert grasp.force == pytest.approx(2.0 * PUSH, rel=0.2)
+    assert np.isnan(grasp.balance).tolist() == [True, yaw > 0.0, False]
+    assert np.array_equal(np.isnan(grasp.std_balance), np.isnan(grasp.balance))
+
+
+def test_an_unknown_push_is_no_force_of_zero_and_closes_nothing(closing, pushed):
+    seen = {f'arm_{index}': without(pushed[index][1], 0, 1) for index in range(2)}
+    grasp = around(2).grasp(seen)
+    assert math.isnan(grasp.force) and math.isnan(grasp.std_force)
+    assert np.isnan(grasp.balance[:2]).all() and np.isnan(grasp.std_balance[:2]).all()
+    now, close = dict.fromkeys(seen, PRESSURE), GripCommand(width=-0.2, force=2.0 * PUSH)
+    assert closing.step(seen, now, close, 0.033) == now
+    assert not closing.is_stalled(seen, now, close, grasp.width)
+    opened = closing.step(seen, now, GripCommand(width=0.09, force=PUSH), 0.033)
+    assert max(opened.values()) < PRESSURE
+
+
+def test_an_unknown_push_closes_nothing_inside_a_play_gap(closing, pushed):
+    fused = without(pushed[0][1], 0, 1).fused
+    estimate = replace(fused.estimate, jacobian=np.zeros_like(fused.estimate.jacobian))
+    seen = dict.fromkeys(
+        ('arm_0', 'arm_1'), replace(pushed[0][1], fused=replace(fused, estimate=estimate))
+    )
+    now, close = dict.fromkeys(seen, PRESSURE), GripCommand(width=-0.2, force=PUSH)
+    assert closing.step(seen, now, close, 0.033) == now
+
+
+def test_a_free_arm_that_is_turned_closes_although_the_force_along_it_is_unknown(fusion, free):
+    seen, gripper = {f'arm_{index}': without(free[index][1], 0) for index in range(2)}, turned(0.1)
+    reaches = {
+        name: reach_of(fusion.arm, mount, gripper.inward(name))
+        for name, mount in gripper.mounts.items()
+    }
+    closing = Closing(gripper=gripper, reaches=reaches, rate=20e3, gain=3.0)
+    close = GripCommand(width=gripper.grasp(seen).width - 0.02, force=0.05)
+    once = closing.step(seen, dict.fromkeys(seen, PRESSURE), close, 0.033)
+    assert min(once.values()) > PRESSURE
