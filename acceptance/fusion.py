@@ -428,11 +428,12 @@ def numbers_of(rows: Array) -> dict:
         'sure_rms': rms(column['share'][sure]),
         'median': float(np.median(column['share'][pressed])) if pressed.any() else math.nan,
         'force_covered': covered(force_nees),
-        'worst_force': float(min(covered(one) for one in force_nees)),
+        'worst_force': worst(force_nees),
+        'without_force': int((~known(force_nees)).all(axis=1).sum()),
         'force_nees': float(np.nanmean(force_nees)),
         'tip_rms': float(np.sqrt(np.nanmean(np.where(clear, column['tip'], np.nan) ** 2))),
         'tip_covered': covered(tip_nees),
-        'worst_tip': float(min(covered(one) for one in tip_nees)),
+        'worst_tip': worst(tip_nees),
         'tip_nees': float(np.nanmean(tip_nees)),
         'largest_tip_nees': float(np.nanmax(tip_nees)),
         'worst_of_better': worst_of_better(frames),
@@ -468,6 +469,11 @@ def covered(nees: Array) -> float:
     return float(np.mean(found <= IN_95)) if found.size else math.nan
 
 
+def worst(nees: Array) -> float:
+    """Return the least covered of recordings (recordings, instants) with anything known."""
+    return float(np.fmin.reduce([covered(one) for one in nees]))
+
+
 def known(values: Array) -> Array:
     """Return where there are values."""
     return np.isfinite(values)
@@ -483,6 +489,7 @@ def show(summary: dict, title: str) -> None:
         ('determined', 'determined', '.3f'),
         ('covered', 'force_covered', '.3f'),
         ('worst recording', 'worst_force', '.3f'),
+        ('recordings without any', 'without_force', '.0f'),
         ('NEES', 'force_nees', '.2f'),
         ('tip: rms mm', 'tip_rms', '.3f'),
         ('covered', 'tip_covered', '.3f'),

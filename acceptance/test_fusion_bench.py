@@ -49,6 +49,15 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
     assert any('no wrench: worst_of_better' in sentence for sentence in coarse)
 
 
+def test_the_worst_recording_is_that_of_those_with_a_force_whatever_their_order():
+    found = rows(sure=1.5)['wrench']
+    found[0, :, bench.COLUMNS.index('force_nees')] = np.nan
+    for order in (slice(None), slice(None, None, -1)):
+        numbers = bench.numbers_of(found[order])
+        assert 0.5 < numbers['worst_force'] < 0.9
+        assert numbers['without_force'] == 1
+
+
 def test_a_recording_gives_an_estimate_at_nearly_every_frame():
     recording = bench.recording_of(77, 0)
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
