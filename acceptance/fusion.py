@@ -411,9 +411,7 @@ def numbers_of(rows: Array) -> dict:
     """Return the numbers of one way: rows (recordings, instants, COLUMNS)."""
     frames, between = rows[:, ::2], rows[:, 1::2]
     column = {name: frames[..., place] for place, name in enumerate(COLUMNS)}
-    clear = ~(column['ambiguous'] > 0.0)
-    tip_nees = np.where(clear, column['tip_nees'], np.nan)
-    force_nees = column['force_nees']
+    tip_nees, force_nees = column['tip_nees'], column['force_nees']
     sure = column['sigma'] < SURE
     pressed = (column['pressed'] > 0.0) & np.isfinite(column['share'])
     later = between[..., COLUMNS.index('tip')], between[..., COLUMNS.index('tip_nees')]
@@ -431,7 +429,7 @@ def numbers_of(rows: Array) -> dict:
         'worst_force': worst(force_nees),
         'without_force': int((~known(force_nees)).all(axis=1).sum()),
         'force_nees': float(np.nanmean(force_nees)),
-        'tip_rms': float(np.sqrt(np.nanmean(np.where(clear, column['tip'], np.nan) ** 2))),
+        'tip_rms': rms(column['tip'][known(column['tip'])]),
         'tip_covered': covered(tip_nees),
         'worst_tip': worst(tip_nees),
         'tip_nees': float(np.nanmean(tip_nees)),

@@ -49,6 +49,15 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
     assert any('no wrench: worst_of_better' in sentence for sentence in coarse)
 
 
+def test_a_tip_counts_where_it_is_ambiguous():
+    found = rows()['no wrench']
+    found[:, :200, bench.COLUMNS.index('ambiguous')] = 1.0
+    found[:, :200, bench.COLUMNS.index('tip_nees')] = 100.0
+    numbers = bench.numbers_of(found)
+    assert numbers['ambiguous'] == 0.5 and numbers['tip_covered'] < 0.5
+    assert numbers['largest_tip_nees'] == 100.0
+
+
 def test_the_worst_recording_is_that_of_those_with_a_force_whatever_their_order():
     found = rows(sure=1.5)['wrench']
     found[0, :, bench.COLUMNS.index('force_nees')] = np.nan
