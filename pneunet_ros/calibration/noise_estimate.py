@@ -32,6 +32,10 @@ CLIPPED = 3.0  # a difference beyond this many sigma is a change; convention
 LEFT_OF_VARIANCE = 1.0 - 2.0 * CLIPPED * NORMAL.pdf(CLIPPED) / (2.0 * NORMAL.cdf(CLIPPED) - 1.0)
 MOST_CLIPPINGS = 30  # usually five suffice
 RESTS = 3.0  # sigma of a pressure reading; with a smaller change between frames the arm rests
+REPEATED = (
+    'successive positions and headings differ by less, as in a lossy film or with a tracker that '
+    'repeats resting targets'
+)
 ASSUMED = 'assumed; these recordings do not determine it'
 # Sensor noise stated in an arm file, and its unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
@@ -81,23 +85,12 @@ def estimate_noise(
         )
         for name, series in readings.items()
     }
-    white = target_noise(runs)
-    found['target_std'] = white, 'second differences of target positions in time'
-    length = float(arclength[-1]) if arclength.size else 0.0
-    least_target = NOISE_ESTIMATE.least_target
-    for key, least, words in (
-        ('target_std', least_target * length, f'{least_target:g} of the length'),
-        ('heading_std', least_target, f'{least_target:g} rad, as of targets a length apart'),
-    ):
-        std = found[key][0]
-        if std is not None and std < least:
-            found[key] = (
-                least,
-                f'{words}: successive positions and headings differ by less, as in a lossy film '
-                'or with a tracker that repeats resting targets',
-            )
-    white = found['target_std'][0]
-    white = white if white is not None else assumed.target_std
+    white, source = noise_of_targets(runs, arclength, assumed.target_std)
+    found['target_std'] = None if source == ASSUMED else white, source
+    heading = found['heading_std'][0]
+    if heading is not None and heading < NOISE_ESTIMATE.least_target:
+        words = f'{NOISE_ESTIMATE.least_target:g} rad, as of targets a length apart'
+        found['heading_std'] = NOISE_ESTIMATE.least_target, f'{words}: {REPEATED}'
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
     correlated_targets, correlation = correlation_at_rest(runs, pressure_std)
@@ -322,6 +315,26 @@ def clipped_std(values: Array) -> float:
         if std == before:
             break
     return std
+
+
+def noise_of_targets(
+    runs: Sequence[RecordingData], arclength: Array, assumed: float
+) -> tuple[float, str]:
+    """Return the standard deviation (m) of white noise of targets with rounding, and its source.
+
+    arclength (targets,) m; assumed (m): used if the recordings do not determine it. The noise is
+    at least `least_target` of the length.
+    """
+    least = NOISE_ESTIMATE.least_target * (float(arclength[-1]) if arclength.size else 0.0)
+    white, source = target_noise(runs), 'second differences of target positions in time'
+    if white is not None and white < least:
+        white, source = least, f'{NOISE_ESTIMATE.least_target:g} of the length: {REPEATED}'
+    columns = [column for run in runs for values in (run.x, run.y) for column in values.T]
+    step = resolution_of([column[np.isfinite(column)] for column in columns])
+    coarse, sentence = with_step(white, assumed, step, 'm')
+    if sentence:
+        white, source = coarse, sentence
+    return (max(assumed, least), ASSUMED) if white is None else (white, source)
 
 
 def target_noise(runs: Sequence[RecordingData]) -> float | None:

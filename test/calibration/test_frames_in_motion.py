@@ -159,3 +159,54 @@ def test_without_stamps_nothing_is_in_motion():
 def test_mass_cancels_in_how_slowly_an_arm_swings():
     assert slowest_period(0.112) == pytest.approx(2.0 * slowest_period(0.028))
     assert 1.0 / slowest_period(0.112) < 0.5
+
+
+@pytest.mark.parametrize(('rate', 'tested'), [(15.0, True), (5.0, False)])
+def test_a_recording_at_rest_hides_no_swing_in_another(rate, tested):
+    runs, truth = swinging()
+    scenario = load_scenario(share_path('scenarios/unloaded_ramp.yaml'))
+    protocol = dataclasses.replace(scenario.protocol, duration=20.0)
+    rates = dataclasses.replace(scenario.rates, frames=rate)
+    ramp = run_of(simulate(dataclasses.replace(scenario, protocol=protocol, rates=rates)))
+    (alone,) = frames_in_motion([runs['dead_weights']], truth).moving
+    found = frames_in_motion([ramp, runs['dead_weights']], truth)
+    assert np.mean(found.moving[1] == alone) > 0.99
+    assert np.mean(found.moving[0]) < 0.2
+    assert found.unchecked[0].all() == (not tested)
+    assert ('could not be tested' in found.left_out) == (not tested)
+
+
+@pytest.mark.parametrize('every', [10, 5])
+def test_lost_frames_hide_no_swing(every):
+    runs, truth = swinging()
+    staircase = runs['unloaded_staircase']
+    kept = np.flatnonzero(np.arange(len(staircase.stamp_ns)) % every)
+    (moving,) = frames_in_motion([staircase], truth).moving
+    found = frames_in_motion([staircase.subset(kept)], truth)
+    assert np.mean(found.moving[0] == moving[kept]) > 0.97
+    assert found.unchecked_count < 0.02 * kept.size
+
+
+def test_rounded_targets_are_not_in_motion():
+    """At rest they repeat: without rounding in their noise, no frame is at rest."""
+    scenario = load_scenario(share_path('scenarios/unloaded_ramp.yaml')).with_effects(PLUCKS)
+    noise = dataclasses.replace(scenario.noise, target_std=2e-5, drift_std=0.0)
+    run = run_of(simulate(dataclasses.replace(scenario, noise=noise, motion=MOTION)))
+    rounded = dataclasses.replace(run, x=np.round(run.x, 4), y=np.round(run.y, 4))
+    arm = swinging()[1]
+    exact, coarse = (frames_in_motion([one], arm).count for one in (run, rounded))
+    assert 0.8 * exact < coarse < 1.1 * exact < 0.9 * len(run.stamp_ns)
+
+
+def test_a_recording_with_one_reading_is_not_tested():
+    runs, truth = swinging()
+    staircase = runs['unloaded_staircase']
+    few = staircase.subset(np.arange(20))
+    one = dataclasses.replace(
+        few,
+        reading_stamp_ns=few.reading_stamp_ns[:1],
+        pressure=few.pressure[:1],
+        reading=np.zeros(20, np.int64),
+    )
+    found = frames_in_motion([staircase, one], truth)
+    assert found.unchecked[1].all() and not found.moving[1].any()

@@ -9,7 +9,7 @@ without a model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import itertools
 import math
@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.preconditions import check_runs
-from pneunet_ros.calibration.noise_estimate import RESTS, target_noise
+from pneunet_ros.calibration.noise_estimate import noise_of_targets, RESTS
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
@@ -30,6 +30,7 @@ from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
 
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 Columns = Callable[[Array], Array]  # times (windows, frames) s -> (windows, frames, NUMBERS)
 
 DIRECTIONS = 2  # of target motion: the tip moves along a curve
@@ -70,16 +71,22 @@ class Vibration:
 class FramesInMotion:
     """Frames that show the arm in motion, and its vibration.
 
-    moving: one mask (frames,) per recording.
+    moving, unchecked: one mask (frames,) per recording; unchecked frames may show it too.
     """
 
     moving: tuple[Flags, ...]
+    unchecked: tuple[Flags, ...]
     vibration: Vibration
 
     @property
     def count(self) -> int:
         """Number of frames that show the arm in motion."""
         return sum(int(np.count_nonzero(flags)) for flags in self.moving)
+
+    @property
+    def unchecked_count(self) -> int:
+        """Number of frames that are too far from others in time, or show too few targets."""
+        return sum(int(np.count_nonzero(flags)) for flags in self.unchecked)
 
     @property
     def frames(self) -> int:
@@ -99,24 +106,35 @@ class FramesInMotion:
     @property
     def sentence(self) -> str:
         """The finding in words."""
+        return f'{self.seen}{self.untested}'
+
+    @property
+    def seen(self) -> str:
+        """The frames in motion in words."""
         return (
             f'{self.count} of {self.frames} frames show the arm in motion '
             f'({self.hertz:.2g} Hz, decays in {self.decay_time:.2g} s)'
         )
 
     @property
+    def untested(self) -> str:
+        """The unchecked frames in words; empty if there are none."""
+        count = self.unchecked_count
+        return f'; {count} could not be tested for motion' if count else ''
+
+    @property
     def summary(self) -> dict[str, float]:
         """The numbers for the JSON summary."""
-        names = ('frames', 'count', 'hertz', 'decay_time')
+        names = ('frames', 'count', 'unchecked_count', 'hertz', 'decay_time')
         return {name: getattr(self, name) for name in names}
 
     @property
     def left_out(self) -> Note:
         """Describe the frames left out of a static fit, and the remedy."""
         return Note(
-            f'{self.sentence} and were left out, because the fit is static. Change pressure and '
-            'load slowly, or wait for the arm to settle; calibrate --motion fits mass and '
-            'damping to such frames',
+            f'{self.seen} and were left out, because the fit is static{self.untested}. Change '
+            'pressure and load slowly, or wait for the arm to settle; calibrate --motion fits '
+            'mass and damping to such frames',
             reason='in_motion',
         )
 
@@ -141,34 +159,59 @@ class TargetMotion:
         """Time (s) from one frame to the next."""
         return float(np.median(np.diff(self.time)))
 
-    def windows(self, seconds: float) -> npt.NDArray[np.int64]:
-        """Return the frame indices (windows, frames) of every gapless window of this duration."""
-        frames = max(FEWEST, round(seconds / self.period) + 1)
-        indices = np.arange(max(self.time.size - frames + 1, 0))[:, None] + np.arange(frames)
-        spans = self.time[indices[:, -1]] - self.time[indices[:, 0]]
-        return np.asarray(indices[spans < (frames - 0.5) * self.period])
+    def windows(self, seconds: float, longest: float) -> tuple[Indices, Indices]:
+        """Return the first frame and the number of frames of every window, (windows,) each.
+
+        A window lasts for `seconds`, or up to `longest` (s) if it needs that for FEWEST frames.
+        Frames may be missing in it, but not at its end.
+        """
+        first = np.arange(max(self.time.size - FEWEST + 1, 0))
+        span = (round(seconds / self.period) + 0.5) * self.period
+        end = np.searchsorted(self.time, self.time[first] + span)
+        end = np.maximum(end, first + FEWEST)
+        found = self.time[end - 1] - self.time[first]
+        most = (round(longest / self.period) + 0.5) * self.period
+        complete = (found > span - self.period) & (found < most)
+        return first[complete], (end - first)[complete]
 
 
 def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
     """Return the frames that show an arm in motion; None if no recording shows it swing.
 
-    Skips recordings without usable stamps. Only the length of the arm is used: it bounds the
-    period of a soft arm from above.
+    Each recording is tested alone; one that does not show it swing is checked by the vibration of
+    those that do. The noise of targets is estimated from all, as in a calibration. Skips
+    recordings without usable stamps. Of the arm, its length bounds the period of a soft arm from
+    above and the noise from below.
     """
     slowest = slowest_period(arm.length)
     courses = [motion_of(run) for run in runs]
-    common = vibration_of([course for course in courses if course is not None], slowest)
-    if common is None:
+    chance = CHANCE / max(sum(course is not None for course in courses), 1)
+    vibrations = [
+        None if course is None else vibration_of([course], slowest, chance) for course in courses
+    ]
+    swings = [
+        (course, vibration)
+        for course, vibration in zip(courses, vibrations, strict=True)
+        if course is not None and vibration is not None
+    ]
+    if not swings:
         return None
-    noise = target_noise([run for run in runs if not run.static]) or 0.0
+    common = swings[0][1]
+    if len(swings) > 1:
+        common = vibration_of([course for course, _ in swings], slowest, CHANCE) or common
+    noise, _ = noise_of_targets(
+        [run for run in runs if not run.static], arm.target_arclength, arm.sensors.target_std
+    )
     moving = [np.zeros(len(run.stamp_ns), np.bool_) for run in runs]
-    for flags, course in zip(moving, courses, strict=True):
+    unchecked = [np.full(len(run.stamp_ns), not run.static) for run in runs]
+    for which, (course, vibration) in enumerate(zip(courses, vibrations, strict=True)):
         if course is not None:  # a load changes the vibration
-            vibration = vibration_of([course], slowest) or common
-            flags[course.frame] = ~at_rest(course, vibration, noise)
+            rest, checked = at_rest(course, vibration or common, noise)
+            moving[which][course.frame] = checked & ~rest
+            unchecked[which][course.frame] = ~checked
     if not any(flags.any() for flags in moving):
         return None
-    return FramesInMotion(moving=tuple(moving), vibration=common)
+    return FramesInMotion(moving=tuple(moving), unchecked=tuple(unchecked), vibration=common)
 
 
 def without_motion(
@@ -223,7 +266,7 @@ def checked_at_rest(
 def motion_of(run: RecordingData) -> TargetMotion | None:
     """Return the motion of the targets of a recording; None if it is too short."""
     often = run.seen.mean(axis=0) > 0.5
-    if run.static or not often.any():
+    if run.static or len(run.reading_stamp_ns) < 2 or not often.any():
         return None
     points = run.points[:, :, often].reshape(len(run.stamp_ns), -1)
     known = np.isfinite(points).mean(axis=1) > 0.5
@@ -263,14 +306,14 @@ def slowest_period(length: float) -> float:
     return 2.0 * math.pi / (CANTILEVER * math.sqrt(SOFTEST * STANDARD_GRAVITY / length))
 
 
-def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration | None:
+def vibration_of(
+    courses: Sequence[TargetMotion], slowest: float, chance: float
+) -> Vibration | None:
     """Return the vibration of the courses; None if smooth motions explain them equally well.
 
-    slowest (s): the longest period of a swing.
+    slowest (s): the longest period of a swing; chance: that noise alone is taken for a vibration.
     """
-    if not courses:
-        return None
-    shortest = (FEWEST - 1) * max(course.period for course in courses)
+    shortest = (FEWEST - 1) * min(course.period for course in courses)
     longest = min(0.5 * max(float(course.time[-1]) for course in courses), PERIODS * slowest)
     if longest <= shortest:
         return None
@@ -288,7 +331,7 @@ def vibration_of(courses: Sequence[TargetMotion], slowest: float) -> Vibration |
         gains = gains_of(windows, group)
         found += [(gain, count, one) for gain, one in zip(gains, group, strict=True)]
     gain, count, best = max(found, key=lambda item: item[0])
-    by_noise = -NormalDist().inv_cdf(CHANCE / len(found)) * GAIN_STD
+    by_noise = -NormalDist().inv_cdf(chance / len(found)) * GAIN_STD
     if not gain > by_noise * math.sqrt(count):
         return None
     vibration = refined(courses, best)
@@ -340,19 +383,26 @@ def linear_windows(courses: Sequence[TargetMotion], seconds: float) -> list[Wind
     """Return the windows (s long) of each course in which pressure and load are linear."""
     found, smooth = [], smooth_motions(seconds)
     for course in courses:
-        indices = course.windows(seconds)
-        if not len(indices):
+        first, count = course.windows(seconds, seconds)
+        if not first.size:
             continue
-        indices = indices[:: max(indices.shape[1] // 2, len(indices) // MOST_WINDOWS, 1)]
-        time = course.time[indices] - course.time[indices[:, :1]]
-        line = np.stack([np.ones_like(time), time / seconds], axis=-1)
-        drive_rms = np.sqrt(np.mean(residual_of(line, course.drives[indices]) ** 2, axis=1))
-        is_linear = (drive_rms <= WITHIN_95).all(axis=1)
-        time, coordinates = time[is_linear], course.coordinates[indices[is_linear]]
-        freedom = DIRECTIONS * (indices.shape[1] - NUMBERS)
-        windows = Windows(time, coordinates, freedom, np.empty(0))
-        found.append(windows._replace(smooth_squares=windows.squares_of(smooth)))
+        step = max(int(np.median(count)) // 2, first.size // MOST_WINDOWS, 1)
+        for indices in by_count(first[::step], count[::step]):
+            time = course.time[indices] - course.time[indices[:, :1]]
+            line = np.stack([np.ones_like(time), time / seconds], axis=-1)
+            drive_rms = np.sqrt(np.mean(residual_of(line, course.drives[indices]) ** 2, axis=1))
+            is_linear = (drive_rms <= WITHIN_95).all(axis=1)
+            time, coordinates = time[is_linear], course.coordinates[indices[is_linear]]
+            freedom = DIRECTIONS * (indices.shape[1] - NUMBERS)
+            windows = Windows(time, coordinates, freedom, np.empty(0))
+            found.append(windows._replace(smooth_squares=windows.squares_of(smooth)))
     return found
+
+
+def by_count(first: Indices, count: Indices) -> Iterator[Indices]:
+    """Yield the frame indices (windows, frames) of all windows with equally many frames."""
+    for frames in np.unique(count):
+        yield first[count == frames, None] + np.arange(frames)
 
 
 def gains_of(windows: Sequence[Windows], vibrations: Sequence[Vibration]) -> list[float]:
@@ -395,32 +445,31 @@ def residual_of(columns: Array, values: Array) -> Array:
     return np.asarray(values - basis @ (basis.transpose(0, 2, 1) @ values))
 
 
-def at_rest(course: TargetMotion, vibration: Vibration, noise: float) -> Flags:
-    """Return the frames (n,) in which the arm is in equilibrium and stays there.
+def at_rest(course: TargetMotion, vibration: Vibration, noise: float) -> tuple[Flags, Flags]:
+    """Return the frames (n,) of an arm that stays in equilibrium, and the frames checked.
 
     One window of a period, before, around or after a frame, must show this: its vibration is small
     relative to the noise (m) of a target, the rest is noise, and pressure and load have not just
-    begun to change.
+    begun to change. A frame without such a window is not checked.
     """
     rest = np.zeros(course.time.size, np.bool_)
-    checked = rest.copy()
-    windows = course.windows(vibration.period)
-    for first in range(0, len(windows), MOST_WINDOWS):
-        indices = windows[first : first + MOST_WINDOWS]
-        time = course.time[indices] - course.time[indices[:, :1]]
-        columns, coordinates = vibration.columns(time), course.coordinates[indices]
-        coefficients = np.linalg.pinv(columns) @ coordinates
-        residual_variance = np.mean((coordinates - columns @ coefficients) ** 2, axis=(1, 2))
-        freedom = 1.0 - NUMBERS / indices.shape[1]
-        is_driven = (
-            np.abs(residual_of(columns[..., :2], course.drives[indices])).max(axis=2) > RESTS
-        )
-        swing = np.sum((coefficients[:, 2:] @ course.tip) ** 2, axis=(1, 2))
-        for index in (0, indices.shape[1] // 2, indices.shape[1] - 1):
-            amplitude_square = swing * np.exp(-2.0 * vibration.rate * time[:, index])
-            small = (amplitude_square <= 2.0 * (WITHIN_95 * noise) ** 2) & ~is_driven[:, index]
-            rest[indices[:, index]] |= small & (
-                residual_variance <= freedom * (WITHIN_95 * noise) ** 2
+    checked, allowed = rest.copy(), (WITHIN_95 * noise) ** 2
+    first, count = course.windows(vibration.period, PERIODS * vibration.period)
+    for begin in range(0, first.size, MOST_WINDOWS):
+        part = slice(begin, begin + MOST_WINDOWS)
+        for indices in by_count(first[part], count[part]):
+            time = course.time[indices] - course.time[indices[:, :1]]
+            columns, coordinates = vibration.columns(time), course.coordinates[indices]
+            coefficients = np.linalg.pinv(columns) @ coordinates
+            residual_variance = np.mean((coordinates - columns @ coefficients) ** 2, axis=(1, 2))
+            freedom = 1.0 - NUMBERS / indices.shape[1]
+            is_driven = (
+                np.abs(residual_of(columns[..., :2], course.drives[indices])).max(axis=2) > RESTS
             )
-            checked[indices[:, index]] = True
-    return np.asarray(rest | ~checked)
+            swing = np.sum((coefficients[:, 2:] @ course.tip) ** 2, axis=(1, 2))
+            for index in (0, indices.shape[1] // 2, indices.shape[1] - 1):
+                amplitude_square = swing * np.exp(-2.0 * vibration.rate * time[:, index])
+                small = (amplitude_square <= 2.0 * allowed) & ~is_driven[:, index]
+                rest[indices[:, index]] |= small & (residual_variance <= freedom * allowed)
+                checked[indices[:, index]] = True
+    return rest, checked
