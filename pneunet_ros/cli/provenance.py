@@ -25,7 +25,12 @@ def provenance_of(
     from pneunet_ros.offline.calibration_files import inputs_of
 
     joint = calibration.joint
-    paths = [(role, [Path(run.name) for run in runs]) for role, runs in roles.items()]
+    lost = () if calibration.motion is None else calibration.motion.lost
+    paths = [
+        (role if run.name not in lost or role == 'motion' else 'left out', [Path(run.name)])
+        for role, runs in roles.items()
+        for run in runs
+    ]
     return {
         'source': f'pneunet calibrate {__version__}',
         'recordings': inputs_of(paths),

@@ -80,7 +80,8 @@ def at_rest(
     kept, motion = without_motion(model, training, held_out)
     if motion is None:
         return kept[0], kept[1], notes, None
-    if all(run.loaded for run in kept[0]) and not all(run.loaded for run in training):
+    no_unloaded = all(run.loaded for run in kept[0])
+    if not kept[0] or (no_unloaded and not all(run.loaded for run in training)):
         raise RecordingError(
             f'{motion.left_out}. Too few frames are left for a diagnosis', reason='in_motion'
         )

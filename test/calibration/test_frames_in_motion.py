@@ -17,11 +17,13 @@ from pneunet_ros.calibration.checks.frames_in_motion import (
 )
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.softening import Softening
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.vibration import vibration
@@ -114,6 +116,31 @@ def test_what_rests_before_its_load_is_there_is_no_loaded_recording():
     _, loaded, motion = checked_at_rest(unloaded, [cut, dead], truth)
     assert motion is not None
     assert [one.name for one in loaded] == [dead.name]
+    assert motion.lost == (cut.name,)
+    assert f'nothing is left of {cut.name} ({motion.idle} frames' in motion.left_out
+    assert 0 < motion.idle < len(cut.stamp_ns)
+
+
+def test_an_arm_remembers_what_is_left_out():
+    """It softened at the high pressures of a recording of which no frame is at rest."""
+    runs, truth = swinging()
+    staircase = runs['unloaded_staircase']
+    moving = frames_in_motion([staircase], truth).moving[0]
+    only = dataclasses.replace(staircase.subset(np.flatnonzero(moving)), name='only swings')
+    ramp = runs['unloaded_ramp']
+    later = only.reading_stamp_ns[-1] + 10**9 - ramp.reading_stamp_ns[0]
+    ramp = dataclasses.replace(
+        ramp, stamp_ns=ramp.stamp_ns + later, reading_stamp_ns=ramp.reading_stamp_ns + later
+    ).subset(np.arange(100))
+    arm = dataclasses.replace(truth, effects=(Softening(loss=0.3),))
+    (kept,), motion = without_motion(arm, [only, ramp])
+    assert [one.name for one in kept] == [ramp.name] and motion.lost == (only.name,)
+    known = inputs_of(arm, [only, ramp])[1].subset(np.flatnonzero(~motion.moving[1]))
+    left = inputs_of(arm, kept)[0]
+    assert np.allclose(left.pressure, known.pressure)
+    assert np.allclose(left.histories[0], known.histories[0])
+    alone, beside = inputs_of(arm, [ramp])[0], inputs_of(arm, [only, ramp])[1]
+    assert not np.allclose(alone.histories[0], beside.histories[0])
 
 
 def test_check_says_it_first_and_proposes_a_free_decay(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 import contextlib
 import dataclasses
 from functools import cache
@@ -9,12 +10,15 @@ import hashlib
 import io
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration import calibration
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CALIBRATION
 from pneunet_ros.cli.main import main
+from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
@@ -106,6 +110,21 @@ def test_what_programs_are_told(model, lab):
     for item in inputs:
         content = (lab / item['file']).read_bytes()
         assert item['sha256'] == hashlib.sha256(content).hexdigest()
+
+
+def test_recordings_of_which_nothing_is_left_were_not_used(tmp_path):
+    names = [tmp_path / name for name in ('used', 'swings')]
+    for name in names:
+        name.write_bytes(name.name.encode())
+    found = SimpleNamespace(
+        motion=SimpleNamespace(lost=(str(names[1]),)),
+        joint=SimpleNamespace(chi_squared=1.0, dof=1),
+        settings=CALIBRATION,
+        explained_variance=1.0,
+    )
+    runs = [SimpleNamespace(name=str(name)) for name in names]
+    said = provenance_of(Namespace(arm=None, earlier=None), found, {'loaded': runs})
+    assert [item['role'] for item in said['recordings']] == ['loaded', 'left out']
 
 
 def test_the_model_is_complete(model):

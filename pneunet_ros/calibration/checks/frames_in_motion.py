@@ -26,6 +26,7 @@ from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.measurement.dataset import CHANCE, RecordingData, SIGMA_OF_MEDIAN, thinned
+from pneunet_ros.measurement.inputs import in_time
 from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
 
@@ -71,12 +72,15 @@ class Vibration:
 class FramesInMotion:
     """Frames that show the arm in motion, and its vibration.
 
-    moving, unchecked: one mask (frames,) per recording; unchecked frames may show it too.
+    moving, unchecked: one mask (frames,) per recording; unchecked frames may show it too. lost:
+    recordings of which nothing was left; idle: number of their frames from before their load.
     """
 
     moving: tuple[Flags, ...]
     unchecked: tuple[Flags, ...]
     vibration: Vibration
+    lost: tuple[str, ...] = ()
+    idle: int = 0
 
     @property
     def count(self) -> int:
@@ -131,10 +135,12 @@ class FramesInMotion:
     @property
     def left_out(self) -> Note:
         """Describe the frames left out of a static fit, and the remedy."""
+        idle = f' ({self.idle} frames at rest are from before its load)' if self.idle else ''
+        lost = f'; nothing is left of {", ".join(self.lost)}{idle}' if self.lost else ''
         return Note(
-            f'{self.seen} and were left out, because the fit is static{self.untested}. Change '
-            'pressure and load slowly, or wait for the arm to settle; calibrate --motion fits '
-            'mass and damping to such frames',
+            f'{self.seen} and were left out, because the fit is static{lost}{self.untested}. '
+            'Change pressure and load slowly, or wait for the arm to settle; calibrate --motion '
+            'fits mass and damping to such frames',
             reason='in_motion',
         )
 
@@ -219,14 +225,52 @@ def without_motion(
 ) -> tuple[list[list[RecordingData]], FramesInMotion | None]:
     """Return recordings without the frames that show the arm in motion, and these frames.
 
-    A recording in which the arm never rests is left out.
+    A recording in which the arm never rests is left out, and a loaded one in which it rests only
+    without its load. The arm remembers their pressures: these go to the next recording.
     """
-    found = frames_in_motion(list(itertools.chain(*groups)), arm)
+    runs = list(itertools.chain(*groups))
+    found = frames_in_motion(runs, arm)
     if found is None:
         return [[*group] for group in groups], None
-    moving = iter(found.moving)
-    resting = [[(run, np.flatnonzero(~next(moving))) for run in group] for group in groups]
-    return [[run.subset(kept) for run, kept in group if kept.size] for group in resting], found
+    resting = [
+        run.subset(np.flatnonzero(~flags)) if not flags.all() else None
+        for run, flags in zip(runs, found.moving, strict=True)
+    ]
+    idle = [
+        part is not None and part.is_idle(arm.sensors) and not run.is_idle(arm.sensors)
+        for run, part in zip(runs, resting, strict=True)
+    ]
+    kept = [None if left else part for part, left in zip(resting, idle, strict=True)]
+    lost = tuple(run.name for run, part in zip(runs, kept, strict=True) if part is None)
+    parts = iter(with_earlier_pressures(runs, kept))
+    found = replace(
+        found,
+        lost=lost,
+        idle=sum(len(part.stamp_ns) for part in itertools.compress(resting, idle) if part),
+    )
+    return [[part for _ in group if (part := next(parts)) is not None] for group in groups], found
+
+
+def with_earlier_pressures(
+    runs: Sequence[RecordingData], kept: Sequence[RecordingData | None]
+) -> list[RecordingData | None]:
+    """Return what is kept of runs, with the pressures of those left out (None) just before."""
+    found, lost = [*kept], list[RecordingData]()
+    for which, goes_on in in_time(runs):
+        part, lost = kept[which], lost if goes_on else []
+        if part is None:
+            lost.append(runs[which])
+            continue
+        for run in reversed(lost):
+            before = run.reading_stamp_ns < part.reading_stamp_ns[0]
+            part = replace(
+                part,
+                reading_stamp_ns=np.append(run.reading_stamp_ns[before], part.reading_stamp_ns),
+                pressure=np.append(run.pressure[before], part.pressure),
+                reading=part.reading + np.count_nonzero(before),
+            )
+        found[which], lost = part, []
+    return found
 
 
 def checked_at_rest(
@@ -239,8 +283,7 @@ def checked_at_rest(
 ) -> tuple[list[RecordingData], list[RecordingData], FramesInMotion | None]:
     """Return recordings without the frames in motion, checked by `check_runs`.
 
-    Results of static checks do not apply to a moving arm. A loaded recording that is at rest only
-    without its load is left out as well.
+    Results of static checks do not apply to a moving arm.
     """
 
     def check(unloaded: Sequence[RecordingData], loaded: Sequence[RecordingData]) -> None:
@@ -248,9 +291,6 @@ def checked_at_rest(
         check_runs(few[: len(unloaded)], few[len(unloaded) :], arm, first=first, settings=settings)
 
     kept, motion = without_motion(arm, unloaded, loaded)
-    if motion is not None:  # frames at rest may all be from before the load
-        idle = {run.name for run in loaded if run.is_idle(arm.sensors)}
-        kept[1] = [one for one in kept[1] if one.name in idle or not one.is_idle(arm.sensors)]
     try:
         check(*kept)
     except PneunetError as error:
