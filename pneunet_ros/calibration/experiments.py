@@ -319,11 +319,12 @@ class FitSequence:
     ) -> tuple[LawScore, ...]:
         """Score each law on each loaded recording, leaving that one out of the fit."""
         results = []
+        every = [*unloaded, *loaded]
         for kind in MOMENT_LAW_PARAMETERS:
             fits = self.without_each(unloaded, loaded, free, self.law(kind, stiffness))
             scores = (
-                score(fit.arm, run, placement=fit.placement)
-                for fit, run in zip(fits, loaded, strict=True)
+                score(fit.arm, run, inputs_of(fit.arm, every)[which], fit.placement)
+                for which, (fit, run) in enumerate(zip(fits, loaded, strict=True), len(unloaded))
             )
             results.append(LawScore(kind=kind, scores=tuple(scores), fits=fits))
         return tuple(results)

@@ -13,7 +13,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.experiment_design import Experiment, informations
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
-from pneunet_ros.exploration.experiments import experiments
+from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.rivals import (
     NOTHING,
     rival_candidates,
@@ -40,7 +40,7 @@ class Choice:
     def words(self) -> str:
         """The rivals that it separates best, in words."""
         if not self.divergence:
-            return 'to start with'
+            return 'to start with' if self.experiment == BEGINNING else 'the next in order'
         pair = max(self.divergence, key=self.divergence.__getitem__)
         return f'it would best distinguish {pair[0]} from {pair[1]}'
 
@@ -49,7 +49,7 @@ def next_choice(
     investigation: Investigation | UnsettledInvestigation,
     rivals: Mapping[str, float],
     safe: SafeSet,
-    recorded: int,
+    recorded: Sequence[Experiment],
     settings: ExplorationSettings = EXPLORATION,
 ) -> Choice:
     """Return the experiment of the largest expected divergence per second."""
@@ -59,10 +59,9 @@ def next_choice(
     return choice_in_order(safe, recorded)  # undecided: those not yet recorded may help
 
 
-def choice_in_order(safe: SafeSet, recorded: int) -> Choice:
-    """Return the scheduled experiment after this many recordings."""
-    items = allowed(safe)
-    item = items[(recorded - 1) % len(items)]
+def choice_in_order(safe: SafeSet, recorded: Sequence[Experiment]) -> Choice:
+    """Return the first of the experiments that were recorded the fewest times."""
+    item = min(allowed(safe), key=recorded.count)
     return Choice(experiment=item, seconds=item.seconds, rate=0.0, divergence={})
 
 

@@ -18,6 +18,7 @@ from pneunet_ros.exploration.rivals import named_effects, rival_probabilities
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 
 Record = Callable[[Experiment, SafeSet, int], RecordingData]
@@ -93,8 +94,8 @@ def explore(
     while len(runs) < settings.recordings:
         on_progress(f'recording {len(runs) + 1}: {choice.experiment.words}', 0, 0)
         run = record(choice.experiment, safe, len(runs))
-        predicted = None if before is None else score(before.after.arm, run).rms
         runs.append(run)
+        predicted = None if before is None else rms_of_last(before.after.arm, runs)
         investigation = investigate(
             model,
             runs,
@@ -113,10 +114,16 @@ def explore(
         if name_stayed(rounds, settings.stays):
             return
         on_progress('the next recording', 0, 0)
+        recorded = [one.choice.experiment for one in rounds]
         if in_order:
-            choice = choice_in_order(safe, len(runs))
+            choice = choice_in_order(safe, recorded)
         else:
-            choice = next_choice(investigation, rivals, safe, len(runs), settings)
+            choice = next_choice(investigation, rivals, safe, recorded, settings)
+
+
+def rms_of_last(arm: Arm, runs: Sequence[RecordingData]) -> float:
+    """Return the rms (m) of the prediction of the last run, whose history is that of all."""
+    return score(arm, runs[-1], inputs_of(arm, runs)[-1]).rms
 
 
 def name_stayed(rounds: Sequence[Round], stays: int = EXPLORATION.stays) -> bool:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.checks.held_out import score
+from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.settings import CALIBRATION, EXPERIMENTS
 from pneunet_ros.calibration.tip_force import end_forces
@@ -16,9 +18,11 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.effects.softening import Softening
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.exploration.exploration import rms_of_last
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.model.moment_law import LinearLaw
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
@@ -27,7 +31,7 @@ from pneunet_ros.solver.columns import RIGIDITY
 import pytest
 from support.example_arms import paper_arm
 from support.lab_run import true_model
-from support.made_datasets import lab_run, made, noisy, USUAL
+from support.made_datasets import in_two, lab_run, made, noisy, USUAL
 from support.refusals import reasons, refused
 
 PAPER = paper_arm()
@@ -396,3 +400,15 @@ def test_an_hour_of_film_is_thinned_and_that_is_said():
     assert any(f'{fitted} of {every} frames' in note for note in found.notes)
     # The noise is still that of all frames.
     assert found.noise.noise == calibrated().noise.noise
+
+
+def test_a_recording_left_out_goes_on_from_those_before_it():
+    arm = paper_arm((Softening(loss=0.3),))
+    up_and_down = np.concatenate([np.linspace(0.0, 6e4, 11), np.linspace(3e4, 0.0, 11)])
+    runs = in_two(made(arm, up_and_down, np.tile([0.1, 0.1], (22, 1))))
+    fits = [SimpleNamespace(arm=arm, placement=None)] * 2
+    sequence = SimpleNamespace(law=lambda *_: None, without_each=lambda *_: fits)
+    for law in FitSequence.compare_laws(sequence, [], runs, None, 1.0):
+        assert [item.rms for item in law.scores] == pytest.approx([0.0, 0.0], abs=1e-7)
+    assert score(arm, runs[1]).rms > 1e-4
+    assert rms_of_last(arm, runs) == pytest.approx(0.0, abs=1e-7)

@@ -17,7 +17,6 @@ from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.choice import (
-    allowed,
     choice_in_order,
     pair_divergences,
     ranked_choices,
@@ -86,8 +85,8 @@ def test_an_experiment_in_a_direction_without_a_calibrated_load_is_not_chosen():
         assert safe.allows(item) == (not item.loaded or '(E1)' in item.words)
         if item.loaded and safe.allows(item):
             assert safe.corners(item)[:, 2].max() == pytest.approx(0.2, abs=1e-6)
-    turn = len(allowed(safe))
-    assert choice_in_order(safe, turn + 1).experiment == next(experiments())
+    recorded = [item for item in experiments() if safe.allows(item)]
+    assert choice_in_order(safe, recorded).experiment == recorded[0]
 
 
 def test_an_arm_under_vacuum_begins_at_rest_whatever_its_gauge_read_there():
@@ -192,7 +191,7 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
 def test_a_round_without_a_diagnosis_is_shown_without_rivals(capsys):
     diagnosis = UnsettledDiagnosis(sentence='It did not converge.', notes=(), seed=0)
     only = Round(
-        choice=choice_in_order(SAFE, 1),
+        choice=choice_in_order(SAFE, [BEGINNING]),
         run=None,
         investigation=UnsettledInvestigation(diagnosis=diagnosis),
         rivals={},
@@ -207,8 +206,10 @@ def test_a_round_without_a_diagnosis_is_shown_without_rivals(capsys):
 
 def test_without_a_choice_the_experiments_come_in_turn():
     items = list(experiments())
-    assert choice_in_order(SAFE, 1).experiment == items[0]
-    assert choice_in_order(SAFE, len(items) + 2).experiment == items[1]
+    assert choice_in_order(SAFE, [BEGINNING]).experiment == items[0]
+    assert choice_in_order(SAFE, [BEGINNING, items[0], items[2]]).experiment == items[1]
+    assert choice_in_order(SAFE, [BEGINNING, *items, items[0]]).experiment == items[1]
+    assert choice_in_order(SAFE, [BEGINNING]).words == 'the next in order'
 
 
 def test_a_model_becomes_an_arm_of_the_lab():

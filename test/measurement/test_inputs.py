@@ -23,7 +23,7 @@ from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.solver.columns import THETA, X, Y
 import pytest
 from support.example_arms import paper_arm
-from support.made_datasets import made, PERIOD
+from support.made_datasets import in_two, made, PERIOD
 
 EFFECTS = (
     PressureGain(gain=0.97),
@@ -80,18 +80,7 @@ def test_history_is_that_of_the_estimator():
 def test_history_goes_on_from_run_to_run_in_the_order_of_their_stamps():
     arm = paper_arm((Hysteresis(width=3e3), Softening(loss=0.2)))
     whole = made(arm, UP_AND_DOWN)
-    first, second = (
-        replace(
-            whole,
-            name=name,
-            reading_stamp_ns=whole.reading_stamp_ns[part],
-            pressure=whole.pressure[part],
-            stamp_ns=whole.stamp_ns[part],
-            reading=np.arange(11),
-            **{key: getattr(whole, key)[part] for key in ('force', 'moment', 'x', 'y')},
-        )
-        for name, part in (('first', slice(0, 11)), ('second', slice(11, 22)))
-    )
+    first, second = in_two(whole)
     (together,) = inputs_of(arm, [whole])
     later, earlier = inputs_of(arm, [second, first])
     assert np.array_equal(np.concatenate([earlier.pressure, later.pressure]), together.pressure)

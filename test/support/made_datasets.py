@@ -93,6 +93,22 @@ def made(
     )
 
 
+def in_two(run: RecordingData) -> tuple[RecordingData, RecordingData]:
+    """Return the halves of a made recording, of an even number of frames."""
+    half = len(run.stamp_ns) // 2
+    first, second = (run.subset(np.arange(half) + start) for start in (0, half))
+    return tuple(
+        replace(
+            one,
+            name=name,
+            reading_stamp_ns=one.stamp_ns,
+            pressure=one.frame_pressure,
+            reading=np.arange(half),
+        )
+        for name, one in (('first', first), ('second', second))
+    )
+
+
 def experiments(
     arm: Arm, noise: SensorNoise | None = None, seed: int = 0, frames: int = FRAMES
 ) -> tuple[list[RecordingData], list[RecordingData]]:
