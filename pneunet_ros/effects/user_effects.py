@@ -23,6 +23,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.arm_size import DIMENSIONS
 from pneunet_ros.effects.effect import DEFINES, Effect, METHODS, Place
 
 ENTRY_POINTS = 'pneunet_ros.effects'  # entry points of installed packages with effects
@@ -163,6 +164,10 @@ def breach(effect: Any) -> str:
             return f'{where}: the default {item.default} is not within the bounds [{low}, {high}]'
         if not (low <= first < last <= high and math.isfinite(first) and math.isfinite(last)):
             return f'{where} needs a prior of two finite, increasing numbers within the bounds'
+        unit = item.metadata['unit']
+        if item.metadata['prior_scales'] and unit not in DIMENSIONS:
+            known = ', '.join(DIMENSIONS)
+            return f'{where}: its prior cannot scale, because {unit} is none of: {known}'
     methods = METHODS & set(vars(effect))
     if not methods:
         return f'does nothing: it must have one of {", ".join(sorted(DEFINES[place]))}'

@@ -112,6 +112,11 @@ def test_a_model_with_an_unknown_effect_says_what_to_do(tmp_path, capsys):
         ("= 'material'", "= 'here'", 'needs a place, one of sensing, actuation, material, mech'),
         ("= 'material'", "= 'sensing'", 'acts in sensing, so it must not have load_terms'),
         ('prior=(-1.0, 1.0)', 'prior=(-9.0, 1.0)', 'parameter gain needs a prior of two finite'),
+        (
+            "unit='-',",
+            "unit='1/(m Pa)', prior_scales=True,",
+            'prior cannot scale, because 1/(m Pa)',
+        ),
         ('        0.5, unit', '        5.0, unit', 'default 5.0 is not within the bounds [0.1'),
         ('(frozen=True, ', '(', 'cannot be imported: TypeError'),
         ('from typing', 'raise SystemExit(3)\nfrom typing', 'cannot be imported: SystemExit: 3'),
