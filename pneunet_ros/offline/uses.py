@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import functools
 from typing import Any
 
-from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest
+from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, without_motion
 from pneunet_ros.calibration.checks.preconditions import (
     check_clamp,
     check_targets,
@@ -173,6 +173,11 @@ def uses(
                 'its end force never exceeds the noise of the force sensor: it is an unloaded '
                 'recording',
                 reason='not_loaded',
+            )
+        (resting,), motion = without_motion(arm, [data])
+        if motion is not None and all(one.is_idle(arm.sensors) for one in resting):
+            raise RecordingError(
+                f'{motion.left_out}. Too few frames are left for a calibration', reason='in_motion'
             )
         return (
             by_tip(data, found)

@@ -21,6 +21,7 @@ from pneunet_ros.effects.softening import Softening
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
@@ -141,6 +142,26 @@ def test_an_arm_remembers_what_is_left_out():
     assert np.allclose(left.histories[0], known.histories[0])
     alone, beside = inputs_of(arm, [ramp])[0], inputs_of(arm, [only, ramp])[1]
     assert not np.allclose(alone.histories[0], beside.histories[0])
+
+
+def test_check_says_the_same_of_a_load_that_only_swings(tmp_path):
+    pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+    scenario = load_scenario(share_path('scenarios/dead_weights.yaml'))
+    pull = Corners(
+        duration=4.0,
+        share=(0.0, 0.4, 0.41, 1.0),
+        pressure=(2e4,) * 4,
+        force_x=(0.0,) * 4,
+        force_y=(0.0, 0.0, 0.2, 0.2),
+    )
+    rates = dataclasses.replace(scenario.rates, frames=20.0)
+    made = simulate(dataclasses.replace(scenario, protocol=pull, motion=MOTION, rates=rates))
+    path = tmp_path / 'pulled.mcap'
+    write_lab(made, path, overwrite=False, on_progress=lambda: None)
+    truth = true_model(dataclasses.replace(made.scenario, effects=()))
+    use = check_recording(path, UseRequest(arm=truth))['uses']['calibrate loaded']
+    assert not use['usable']
+    assert use['reason'].reason == 'in_motion'
 
 
 def test_check_says_it_first_and_proposes_a_free_decay(tmp_path):
