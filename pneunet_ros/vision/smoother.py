@@ -1,7 +1,8 @@
 """Smooth centerline through the targets, and its curvature (Eq 1), with uncertainty.
 
 It is a Gaussian process whose prior was learnt once. Its operator depends on which targets were
-seen, not on their positions: it is computed once for each set of targets and kept.
+seen and how much less accurately than others, not on their positions: it is computed once for each
+set of targets and kept.
 
 The tangent of the curve is exp(stretch + i angle), with the logarithm of the stretch and the angle
 as functions of arclength. The logarithm of the chord between two neighboring targets, divided by
@@ -45,6 +46,7 @@ from pneunet_ros.vision.curvature_prior import (
 LARGEST_NOISE = 0.1  # of the mean distance of targets, tried
 LEVEL_RATIO = 1.5  # between levels of noise that are tried
 FAR_WORSE = 20.0  # in -2 log likelihood: larger levels of noise are not tried any more
+STD_RATIO = 2.0  # between classes of targets that count as equally accurate: few sets are needed
 LEAST_WEIGHT = 1e-3  # a prior less probable than this takes no part
 
 Indices = npt.NDArray[np.int64]
@@ -98,14 +100,16 @@ class MeasuredCurve:
 class SmoothingOperator(NamedTuple):
     """Precomputed smoothing for one set of seen targets; see `smooth_targets`.
 
-    seen (n,) indices of targets; distances (n - 1,) m along the arm between them; slope (n,) of
-    the straight line through the straightened arm. For each prior: modes (priors, n, n - 2) of
-    that line, independent with mode_variances (priors, n - 2) m^2; theta_rows, curvature_rows
-    (priors, n - 2, points) and prior_variance (priors, points) 1/m^2 at points (m): stations and
-    targets, of which target_points and station_points are the indices. arclength (stations,) m.
+    seen (n,) indices of targets; shares (n,) of their accuracy; distances (n - 1,) m along the arm
+    between them; slope (n,) of the straight line through the straightened arm. For each prior:
+    modes (priors, n, n - 2) of that line, independent with mode_variances (priors, n - 2) m^2 and
+    with the noise of an accurate target; theta_rows, curvature_rows (priors, n - 2, points) and
+    prior_variance (priors, points) 1/m^2 at points (m): stations and targets, of which
+    target_points and station_points are the indices. arclength (stations,) m.
     """
 
     seen: Indices
+    shares: Array
     distances: Array
     slope: Array
     modes: Array
@@ -163,11 +167,10 @@ class Smoother:
                 f'{sightings.x.size}',
                 reason='wrong_targets',
             )
-        seen = np.isfinite(sightings.x + sightings.y)
-        operator = self.operator(seen.tobytes())
+        least = math.hypot(self.settings.least_std * self.length, self.placement_std)
+        operator = self.operator(accuracy_classes(sightings, least).tobytes())
         if operator is None:
             return None
-        least = math.hypot(self.settings.least_std * self.length, self.placement_std)
         out = np.empty((5, operator.arclength.size))
         numbers = smoother_numbers(self.settings)
         rms = smooth_targets(
@@ -217,14 +220,29 @@ class Covariances:
         )
 
 
+def accuracy_classes(sightings: TargetSightings, least_std: float) -> npt.NDArray[np.int8]:
+    """Return the class (targets,) of accuracy of each target: 0 unseen, 1 as accurate as most.
+
+    Each further class is `STD_RATIO` times less accurate; least_std: smallest plausible noise (m).
+    """
+    seen = np.isfinite(sightings.x + sightings.y)
+    classes = seen.astype(np.int8)
+    std = np.hypot(np.fmax(sightings.std[seen], 0.0), least_std)  # no std: that of the least noise
+    if std.size and std.max() > STD_RATIO * std.min():
+        ratio = np.log(std / np.median(std)) / math.log(STD_RATIO)
+        classes[seen] += np.maximum(np.rint(ratio), 0.0).astype(np.int8)
+    return classes
+
+
 def operator_for(
-    covariances: tuple[Covariances, ...], targets: Array, stations: Array, seen_bytes: bytes
+    covariances: tuple[Covariances, ...], targets: Array, stations: Array, classes: bytes
 ) -> SmoothingOperator | None:
-    """Return the operator for targets seen, (targets,) bool as bytes; None for too few."""
-    seen = np.flatnonzero(np.frombuffer(seen_bytes, dtype=np.bool_))
+    """Return the operator for targets seen; None for too few. classes: `accuracy_classes`."""
+    of_targets = np.frombuffer(classes, dtype=np.int8)
+    seen = np.flatnonzero(of_targets)
     if seen.size < FEWEST_TARGETS:
         return None
-    places = targets[seen]
+    places, variance = targets[seen], STD_RATIO ** (2.0 * of_targets[seen] - 2.0)
     arclength = stations[(stations >= places[0]) & (stations <= places[-1])]
     if not arclength.size:
         return None
@@ -232,14 +250,18 @@ def operator_for(
     rows = np.searchsorted(covariances[0].points, points)
     line = np.stack([of.line[np.ix_(seen, seen)] for of in covariances])
     line_free = without_line(places)
+    noise = np.linalg.cholesky(line_free.T @ (variance[:, None] * line_free))
+    line_free = line_free @ np.linalg.inv(noise).T
     variances, turned = np.linalg.eigh(line_free.T @ line @ line_free)
     modes = line_free @ turned
-    away = places - places.mean()
-    slope = away / (away @ away)
+    shares = 1.0 / variance / np.sum(1.0 / variance)
+    away = places - shares @ places
+    slope = shares * away / (shares @ away**2)
     theta = np.stack([of.theta[np.ix_(rows, seen)] for of in covariances])
     curvature = np.stack([of.curvature[np.ix_(rows, seen)] for of in covariances])
     operator = SmoothingOperator(
         seen=seen.astype(np.int64),
+        shares=shares,
         distances=np.diff(places),
         slope=slope,
         modes=modes,
@@ -303,7 +325,7 @@ def smooth_targets(
     x, y, std (all targets,) m; least_std: smallest plausible noise (m).
     """
     (
-        seen, distances, slope, modes, mode_variances, theta_rows, curvature_rows,
+        seen, shares, distances, slope, modes, mode_variances, theta_rows, curvature_rows,
         prior_variance, points, target_points, station_points, _,
     ) = operator  # fmt: skip
     priors, mode_count = mode_variances.shape
@@ -364,10 +386,8 @@ def smooth_targets(
     integrate(points, theta, curvature, log_stretch, px, py)
     offset_x = offset_y = 0.0
     for target in range(seen.size):
-        offset_x += x[seen[target]] - px[target_points[target]]
-        offset_y += y[seen[target]] - py[target_points[target]]
-    offset_x /= seen.size
-    offset_y /= seen.size
+        offset_x += shares[target] * (x[seen[target]] - px[target_points[target]])
+        offset_y += shares[target] * (y[seen[target]] - py[target_points[target]])
     squares = 0.0
     for target in range(seen.size):
         squares += (px[target_points[target]] + offset_x - x[seen[target]]) ** 2
