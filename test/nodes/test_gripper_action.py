@@ -18,6 +18,7 @@ from pneunet_ros.nodes.gripper import action  # noqa: E402
 from pneunet_ros.nodes.gripper.action import GripperGoals, Turn  # noqa: E402
 from pneunet_ros.nodes.gripper.configuration import GripperSettings  # noqa: E402
 from pneunet_ros.nodes.gripper.grasping import Grasping  # noqa: E402
+from pneunet_ros.nodes.gripper.health import GraspHealth  # noqa: E402
 from pneunet_ros.nodes.prompt_executor import PromptExecutor  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -140,6 +141,7 @@ def grasping() -> Grasping:
     found.settings = GripperSettings(arms=('left', 'right'))
     found.command, found.seen, found.new = None, {}, set()
     found.states = SimpleNamespace(get_subscription_count=lambda: 0)
+    found.health = GraspHealth(found.settings.arms)
     return found
 
 

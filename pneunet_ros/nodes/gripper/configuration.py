@@ -70,7 +70,8 @@ class GripperSettings:
     hold_after: float = quantity(
         0.3,
         unit='s',
-        meaning='time without frames after which the last command is held',
+        meaning='time without frames after which the last command is held, and largest '
+        'difference between the stamps of the frames of a grasp',
         bounds=(1e-3, 1e3),
     )
 

@@ -9,14 +9,17 @@ import time
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.health import Report
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.fusion.closing import Closing, GripCommand, is_reached, Reach, reach_of
-from pneunet_ros.fusion.grasp import Grasp, Gripper, seen_arm, SeenArm
+from pneunet_ros.fusion.grasp import Grasp, Gripper, is_unknown, seen_arm, SeenArm
 from pneunet_ros.messages.base_frames import TRANSFORM_TYPE
 from pneunet_ros.messages.builders import header
 from pneunet_ros.messages.gripper import GRIPPER_STATE, mount_transforms
 from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.gripper.configuration import GripperSettings
+from pneunet_ros.nodes.gripper.health import GraspHealth
 from pneunet_ros.nodes.ros_types import has_message, message_class, RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher, subscription
 
@@ -40,6 +43,7 @@ class Grasping:
         self.command: GripCommand | None = None
         self.pressures: dict[str, float] = {}
         self.commanded_at = -math.inf  # s of a steady clock
+        self.health = GraspHealth(fusions)
         self.reaches: dict[tuple[str, Any], Reach] = {}
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
@@ -70,9 +74,14 @@ class Grasping:
             self.transforms = publisher(self.node, TRANSFORM_TYPE, '/tf_static', latched_qos())
             self.transforms.publish(mount_transforms(mounts, self.settings.frame_id, RCLPY_TYPES))
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether there is a command or a subscriber."""
+        return self.command is not None or self.states.get_subscription_count() > 0
+
     def take_frame(self, arm: str) -> None:
         """Process a frame that the fusion of an arm has used."""
-        if self.command is None and not self.states.get_subscription_count():
+        if not self.is_wanted:
             self.forget_frames()
             return
         fusion = self.fusions[arm]
@@ -80,18 +89,35 @@ class Grasping:
         if seen is None:
             self.seen.pop(arm, None)
             return
+        self.take_seen(arm, seen, time.monotonic())
+
+    def take_seen(self, arm: str, seen: SeenArm, now: float) -> None:
+        """Compute the grasp once all arms have a new frame, unless these are too far apart."""
         self.seen[arm] = seen
         self.new.add(arm)
-        if self.new == self.fusions.keys() == self.seen.keys():
-            self.new.clear()
-            self.grasp = self.gripper.grasp(self.seen)
-            self.states.publish(self.serializer.bytes_of(GRIPPER_STATE, self.grasp))
-            self.follow(time.monotonic())
+        self.health.take_frame(arm, now)
+        if not self.new == self.fusions.keys() == self.seen.keys():
+            return
+        self.new.clear()
+        stamps = {arm: one.fused.stamp_ns for arm, one in self.seen.items()}
+        first, last = min(stamps, key=stamps.__getitem__), max(stamps, key=stamps.__getitem__)
+        apart = (stamps[last] - stamps[first]) / NANOSECONDS_PER_SECOND
+        if apart > self.settings.hold_after:
+            self.health.note(
+                f'no grasp, because the frames of {first} are {apart:.2f} s older than those of '
+                f'{last}: more than {self.settings.hold_after:g} s (hold_after)'
+            )
+            return
+        self.grasp = self.gripper.grasp(self.seen)
+        self.health.grasps += 1
+        self.states.publish(self.serializer.bytes_of(GRIPPER_STATE, self.grasp))
+        self.follow(now)
 
     def forget_frames(self) -> None:
         """Begin again with the next frame of every arm."""
         self.seen.clear()
         self.new.clear()
+        self.health.forget_frames()
 
     def take_command(self, message: Any) -> None:
         """Take a command; position: the width (m), effort: the largest force (N) of an arm."""
@@ -104,6 +130,7 @@ class Grasping:
             self.order(message.position[0], message.effort[0] if message.effort else 0.0)
         except RequestError as error:
             sentence = f'gripper command rejected: {error}'
+            self.health.reject(sentence)
             self.node.log.warn('command', sentence, time.monotonic())
 
     def order(self, width: float, force: float) -> GripCommand:
@@ -139,6 +166,11 @@ class Grasping:
             fused = {arm: seen.fused.estimate for arm, seen in self.seen.items()}
             self.pressures = {arm: one.shape.pressure for arm, one in fused.items()}
             return
+        for arm, touch in self.gripper.touches(self.seen).items():
+            if is_unknown(touch.force):
+                self.health.note(
+                    f'{arm} closes no further: its targets do not determine its force'
+                )
         self.pressures = self.controller().step(self.seen, self.pressures, command, elapsed)
         kind = message_class(PRESSURE_TYPE)
         stamp_ns = self.node.get_clock().now().nanoseconds
@@ -181,22 +213,26 @@ class Grasping:
 
     def forget(self) -> None:
         """Forget all frames and the command."""
-        self.seen.clear()
-        self.new.clear()
+        self.forget_frames()
         self.grasp = self.command = None
 
-    def texts(self) -> dict[str, str]:
-        """Return the values for the diagnostics."""
-        grasp, command = self.grasp, self.allowed
-        if grasp is None:
-            return {}
-        numbers = {
-            'touching': grasp.touching,
-            'width_m': grasp.width,
-            'width_std_m': grasp.std_width,
-            'force_n': grasp.force,
-            'force_std_n': grasp.std_force,
-        }
+    def report(self, now: float) -> Report:
+        """Summarize the time since the last report: values of a grasp only if there was one."""
+        numbers: dict[str, float] = {'commands_rejected': self.health.rejected}
+        if self.health.grasps and self.grasp is not None:
+            grasp = self.grasp
+            numbers |= {
+                'touching': grasp.touching,
+                'width_m': grasp.width,
+                'width_std_m': grasp.std_width,
+                'force_n': grasp.force,
+                'force_std_n': grasp.std_force,
+            }
+        command = self.allowed
         if command is not None:
             numbers |= {'commanded_width_m': command.width, 'commanded_force_n': command.force}
-        return {name: f'{value:.6g}' for name, value in numbers.items()}
+        level, message = self.health.report(
+            self.settings.hold_after, now, is_wanted=self.is_wanted
+        )
+        values = {name: f'{value:.6g}' for name, value in numbers.items()}
+        return Report(level=level, message=message, values=values)

@@ -7,6 +7,7 @@ They are the same nodes as for a single arm, with all their topics and services.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+import time
 from typing import Any, ClassVar
 
 from pneunet_ros.core.health import Level, Report
@@ -101,13 +102,18 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
             self.grasping.settings = configuration.node
 
     def diagnose(self) -> None:
-        """Publish the number of dropped frames per arm."""
+        """Publish the number of dropped frames per arm, and the grasp."""
         shed = {member.get_namespace(): member.shedding.total for member in self.members}
         dropped = [f'{arm}: {count}' for arm, count in shed.items() if count]
-        message = f'{len(self.configuration.node.arms)} arms'
         values = {'frames_shed_of': '; '.join(dropped), 'nodes': str(len(self.members))}
-        values |= {} if self.grasping is None else self.grasping.texts()
-        self.publish_report('arms', Report(level=Level.OK, message=message, values=values))
+        report = Report(level=Level.OK, message='', values={})
+        if self.grasping is not None:
+            report = self.grasping.report(time.monotonic())
+            if report.message:
+                self.log.warn('grasp', report.message, time.monotonic())
+        message = report.message or f'{len(self.configuration.node.arms)} arms'
+        values |= report.values
+        self.publish_report('arms', Report(level=report.level, message=message, values=values))
 
 
 def gripper_nodes() -> Iterator[Any]:
