@@ -28,15 +28,21 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.nodes.estimator import configuration as estimator_configuration  # noqa: E402
 from pneunet_ros.nodes.fusion import configuration as fusion_configuration  # noqa: E402
 from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
+    arms_of,
     block_of,
     check_blocks,
-    gripper_of,
     GripperSettings,
+    is_used,
+    parameters_of,
+    TOPICS_OF,
 )
+from pneunet_ros.nodes.gripper.node import GripperNode  # noqa: E402
 from pneunet_ros.nodes.load_shedding import LoadShedding, MOST_WAITING  # noqa: E402
 from pneunet_ros.nodes.sensor_description import OtherDescriptions  # noqa: E402
 from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper  # noqa: E402
+from pneunet_ros.nodes.virtual_gripper.node import VirtualGripperNode  # noqa: E402
 from sensor_msgs.msg import FluidPressure, JointState  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 from support.dds_peer import NodeProcess, Peer, running_node, SensorsPeer  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
@@ -87,6 +93,19 @@ def replays():
     """Return a process for replays, as new as that of a node."""
     with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
         yield pool
+
+
+def test_every_topic_of_an_arm_may_have_another_name(gripper):
+    peer = Peer(DOMAIN, 'right/estimator', ())
+    below = '/pneunet/right/'
+
+    def opened():
+        names = (name for name, _ in peer.node.get_topic_names_and_types())
+        return {name.removeprefix(below) for name in names if name.startswith(below)}
+
+    assert peer.spin_until(lambda: {'fused/state', 'state', 'targets', 'model_info'} <= opened())
+    assert opened() <= TOPICS_OF['estimator'] | TOPICS_OF['fusion']
+    peer.close()
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -292,12 +311,69 @@ def test_the_shipped_parameters_are_the_defaults():
     }
 
 
+MOUNTED = {
+    'left.mount': [0.0, -0.045, 0.0, 0.0, 0.0, 0.0],
+    'right.mount': [0.0, 0.045, 0.0, 3.1415927, 0.0, 0.0],
+    'left.frame_id': 'left_base',
+    'right.frame_id': 'right_base',
+}
+
+
+def test_every_mounted_arm_has_its_own_frame():
+    settings = GripperSettings()
+    _, gripper = arms_of(settings, MOUNTED)
+    assert set(gripper.mounts) == set(ARMS)
+    for wrong in (
+        {'right.frame_id': 'left_base'},
+        {'right.frame_id': settings.frame_id},
+        {'right.estimator.frame_id': 'finger'},  # not that of its fusion
+    ):
+        with refused(RequestError, 'given_twice'):
+            arms_of(settings, MOUNTED | wrong)
+    of_estimators = MOUNTED | {f'{arm}.estimator.frame_id': f'{arm}_base' for arm in ARMS}
+    for name in ('left.frame_id', 'right.frame_id'):
+        del of_estimators[name]
+    with refused(RequestError, 'given_twice'):
+        arms_of(settings, of_estimators)
+
+
+def test_no_two_arms_publish_the_transform_of_one_tip():
+    both = {f'{arm}.publish_tf': True for arm in ARMS}
+    with refused(RequestError, 'given_twice'):
+        arms_of(GripperSettings(), both)
+    arms_of(GripperSettings(), both | {'left.tip_frame': 'left_tip'})
+    arms_of(GripperSettings(), {'left.publish_tf': True})
+
+
+@pytest.mark.parametrize('name', ['presure', 'image_raw', 'pressure_command'])
+def test_a_topic_that_no_node_of_an_arm_has_is_refused(name):
+    given = {f'left.topics.{name}': '/valves/one'}
+    with refused(RequestError, 'unknown_key') as caught:
+        arms_of(GripperSettings(), given)
+    assert name in str(caught.value)
+    if name == 'image_raw':
+        arms_of(GripperSettings(tracker=True), given)
+
+
+def test_what_is_given_for_nodes_that_are_not_started_has_no_effect():
+    without = GripperSettings(fusion=False)
+    assert not is_used(without, 'mount') and not is_used(without, 'fusion.use_wrench')
+    assert not is_used(without, 'clamp_pixel') and is_used(without, 'wrench_sign')
+    assert is_used(GripperSettings(), 'mount') and is_used(without, 'topics.pressure')
+
+
+def test_a_model_is_given_to_the_nodes_of_an_arm_only_if_there_is_one():
+    """Otherwise an empty one hides what a file gives to the node of an arm itself."""
+    block = block_of('left', {})
+    assert 'model_file' not in parameters_of(GripperSettings(), block, 'fusion')
+    given = parameters_of(GripperSettings(model_file='a.yaml'), block, 'fusion')
+    assert given['model_file'] == 'a.yaml'
+
+
 def test_mounts_are_of_all_arms_or_of_none():
-    blocks = {arm: block_of(arm, {}) for arm in ARMS}
-    assert gripper_of(GripperSettings(), blocks) is None
-    mounted = block_of('left', {'left.mount': [0.0, -0.045, 0.0, 0.0, 0.0, 0.0]})
+    assert arms_of(GripperSettings(), {})[1] is None
     with refused(RequestError, 'missing'):
-        gripper_of(GripperSettings(), blocks | {'left': mounted})
+        arms_of(GripperSettings(), {'left.mount': MOUNTED['left.mount']})
     played, frames = played_gripper([], '/hand/gripper')
     assert set(played.mounts) == set(ARMS)
     assert frames == {arm: f'{arm}_base' for arm in ARMS}
@@ -362,11 +438,44 @@ def test_a_virtual_gripper_closes_on_its_object_with_the_wanted_force(tmp_path):
         assert process.end() == 0 and virtual.end() == 0, process.text
 
 
-def test_a_wrong_block_is_one_sentence(tmp_path):
-    process = NodeProcess(tmp_path / 'output', DOMAIN, '-p', 'left.wrench_sing:=1', node='gripper')
+@pytest.mark.parametrize('key', ['left: {wrench_sing: 1}', 'pressure_unit: kPa', 'ring: {a: 1}'])
+def test_a_key_without_effect_is_one_sentence(tmp_path, key):
+    """Whether it is in a block, or given to the gripper alone, or to an arm that is not there."""
+    path = tmp_path / 'own.yaml'
+    path.write_text(f'/**/gripper:\n  ros__parameters: {{{key}}}\n')
+    process = NodeProcess(tmp_path / 'output', DOMAIN, '--params-file', str(path), node='gripper')
     assert process.process.wait(120) == 2
-    assert 'left.wrench_sing' in process.text
+    last = process.text.splitlines()[-1]
+    assert key.replace(': {', '.').partition(':')[0] in last
     assert 'Traceback' not in process.text
+
+
+class Member:
+    """A node of an arm whose service says this."""
+
+    def __init__(self, name, success):
+        self.name, self.success, self.asked = name, success, 0
+
+    def get_fully_qualified_name(self):
+        return self.name
+
+    def reload_model(self, request, response):
+        self.asked += 1
+        response.success, response.message = self.success, 'said'
+        return response
+
+
+@pytest.mark.parametrize('of_gripper', [GripperNode, VirtualGripperNode])
+def test_the_models_of_all_arms_are_read_again(of_gripper):
+    members = [Member('/left/fusion', True), Member('/right/fusion', False)]
+    gripper = object.__new__(of_gripper)
+    gripper.members = members
+    if of_gripper is VirtualGripperNode:
+        gripper.members = {one.name: one for one in members}
+    answer = gripper.reload_model(None, Trigger.Response())
+    assert [one.asked for one in members] == [1, 1]
+    assert not answer.success
+    assert answer.message == '/left/fusion: said; /right/fusion: said'
 
 
 @pytest.mark.parametrize(

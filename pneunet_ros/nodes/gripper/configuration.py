@@ -13,6 +13,13 @@ from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.units import quantity
 from pneunet_ros.fusion.grasp import Gripper, mount_of
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.link_chain import JOINT_STATES
+from pneunet_ros.messages.markers import TIP_FRAME
+from pneunet_ros.messages.readings import OF_ESTIMATOR as READ_BY_ESTIMATOR
+from pneunet_ros.messages.readings import OF_FUSION as READ_BY_FUSION
+from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.nodes.estimator.configuration import configured_estimator
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as OF_ESTIMATOR
 from pneunet_ros.nodes.fusion.configuration import configured_fusion
@@ -30,6 +37,23 @@ CONFIGURED: dict[str, Callable[[Mapping[str, Any], Any], Any]] = {
     'tracker': configured_tracker,
 }
 TOPICS, MOUNT = 'topics', 'mount'  # keys of a block
+TOPICS_OF: dict[str, set[str]] = {
+    'estimator': {
+        *(one.topic for one in READ_BY_ESTIMATOR),
+        *(one.name for one in (*OUTPUTS, JOINT_STATES)),
+        *('markers', '/tf', 'model_info', '/diagnostics'),
+    },
+    'fusion': {
+        *(one.topic for one in READ_BY_FUSION),
+        *(one.name for one in FUSION_OUTPUTS),
+        *('model_info', '/diagnostics'),
+    },
+    'tracker': {
+        *(one.name for one in TRACKER_INPUTS),
+        *(one.name for one in TRACKER_OUTPUTS),
+        *('image_annotated', 'model_info', '/diagnostics'),
+    },
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +160,7 @@ class ArmBlock:
 
 def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict[str, Any]:
     """Return the given parameters of a node of an arm, from its block or for all arms."""
-    given: dict[str, Any] = {'model_file': settings.model_file}
+    given: dict[str, Any] = {'model_file': settings.model_file} if settings.model_file else {}
     if node == 'estimator' and settings.fusion:
         given['watch_targets'] = False  # the fusion compares targets already
     return given | dict(block.parameters[node])
@@ -149,9 +173,7 @@ def check_blocks(given: Mapping[str, Any]) -> None:
     """
     values = PARAMETERS.completed(given)
     settings = configured_gripper(values, None).node
-    flat = dict(flattened(given))
-    blocks = {arm: block_of(arm, flat) for arm in settings.arms}
-    gripper_of(settings, blocks)
+    blocks, _ = arms_of(settings, dict(flattened(given)))
     trackers: dict[str, dict[str, Tracker]] = {}
     for arm, block in blocks.items():
         for node in settings.nodes:
@@ -164,10 +186,37 @@ def check_blocks(given: Mapping[str, Any]) -> None:
         check_rows(of_camera)
 
 
+def arms_of(
+    settings: GripperSettings, given: Mapping[str, Any]
+) -> tuple[dict[str, ArmBlock], Gripper | None]:
+    """Return the blocks of all arms, and the gripper if they have mounts.
+
+    given: as for `block_of`. RequestError for keys that no node knows, invalid mounts, and arms
+    that would share a frame.
+    """
+    blocks = {arm: block_of(arm, given) for arm in settings.arms}
+    topics = {topic for node in settings.nodes for topic in TOPICS_OF[node]}
+    for arm, block in blocks.items():
+        for name in block.topics.keys() - topics:
+            raise RequestError(
+                f'{arm}.{TOPICS}.{name}: the nodes of an arm have no topic {name}; theirs are '
+                f'{", ".join(sorted(topics))}',
+                reason='unknown_key',
+            )
+    of_estimator = [block.parameters['estimator'] for block in blocks.values()]
+    tips = [one.get('tip_frame', TIP_FRAME) for one in of_estimator if one.get('publish_tf')]
+    if len(set(tips)) < len(tips):
+        raise RequestError(
+            f'arms with publish_tf need different values of tip_frame, not {", ".join(tips)}',
+            reason='given_twice',
+        )
+    return blocks, gripper_of(settings, blocks)
+
+
 def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gripper | None:
     """Return the gripper with its mounts; None without mounts or without a fusion.
 
-    RequestError if only some blocks have a mount, or if the mounts are invalid.
+    RequestError if only some blocks have a mount, or if the mounts or frames are invalid.
     """
     without = [arm for arm, block in blocks.items() if block.mount is None]
     if len(without) == len(blocks) or not settings.fusion:
@@ -175,6 +224,18 @@ def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gri
     if without:
         raise RequestError(
             f'{MOUNT} is missing from the block of {", ".join(without)}', reason='missing'
+        )
+    frames = {
+        arm: {str(block.parameters[node].get('frame_id', BASE_FRAME)) for node in settings.nodes}
+        for arm, block in blocks.items()
+    }
+    every = [settings.frame_id, *(frame for of_arm in frames.values() for frame in of_arm)]
+    if len(set(every)) < len(every) or len(every) > 1 + len(frames):
+        listed = '; '.join(f'{arm}: {", ".join(sorted(of_arm))}' for arm, of_arm in frames.items())
+        raise RequestError(
+            f'each arm with a {MOUNT} needs a frame_id of its own in its block, the same for all '
+            f'its nodes and not that of the gripper ({settings.frame_id}): {listed}',
+            reason='given_twice',
         )
     return Gripper(
         mounts={
@@ -232,6 +293,16 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
             for node, values in by_node.items()
         },
     )
+
+
+def is_used(settings: GripperSettings, key: str) -> bool:
+    """Whether a valid key of a block has an effect on the nodes that every arm has."""
+    first, nodes = key.partition('.')[0], settings.nodes
+    if first in TABLES:
+        return first in nodes
+    if key == MOUNT:
+        return settings.fusion
+    return first == TOPICS or any(key in names_of(node) for node in nodes)
 
 
 def names_of(node: str) -> set[str]:

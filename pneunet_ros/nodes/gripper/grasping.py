@@ -60,17 +60,12 @@ class Grasping:
             fusion.take_frame = partial(self.take_frame, arm)
 
     def publish_mounts(self) -> None:
-        """Publish the poses of the arm bases, each of which has its own frame."""
-        frames = {
-            arm: fusion.configuration.fusion.sensors.frame_id
+        """Publish the poses of the bases, each of which has its own frame."""
+        mounts = {
+            fusion.configuration.fusion.sensors.frame_id: self.gripper.mounts[arm]
             for arm, fusion in self.fusions.items()
         }
-        mounts = {
-            frame: self.gripper.mounts[arm]
-            for arm, frame in frames.items()
-            if frame != self.settings.frame_id
-        }
-        if mounts and has_message(TRANSFORM_TYPE):
+        if has_message(TRANSFORM_TYPE):
             self.transforms = publisher(self.node, TRANSFORM_TYPE, '/tf_static', latched_qos())
             self.transforms.publish(mount_transforms(mounts, self.settings.frame_id, RCLPY_TYPES))
 

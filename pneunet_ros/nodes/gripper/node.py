@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 import time
 from typing import Any, ClassVar
 
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.health import Level, Report
 from pneunet_ros.fusion.grasp import Gripper
 from pneunet_ros.nodes.configured_node import ConfiguredNode
@@ -17,16 +18,17 @@ from pneunet_ros.nodes.estimator.node import EstimatorNode
 from pneunet_ros.nodes.fusion.node import FusionNode
 from pneunet_ros.nodes.gripper.action import gripper_command, GripperGoals, serve_action
 from pneunet_ros.nodes.gripper.configuration import (
-    block_of,
+    arms_of,
     configured_gripper,
-    gripper_of,
     GripperConfiguration,
+    is_used,
     PARAMETERS,
     parameters_of,
 )
 from pneunet_ros.nodes.gripper.grasping import Grasping
+from pneunet_ros.nodes.gripper.services import ask_all
 from pneunet_ros.nodes.node_options import NodeOptions
-from pneunet_ros.nodes.parameters import overrides
+from pneunet_ros.nodes.parameters import overrides, undeclared_overrides
 from pneunet_ros.nodes.tracker.node import TrackerNode
 from std_srvs.srv import Trigger
 
@@ -65,16 +67,36 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
             if kind is not None:
                 self.action = serve_action(self, GripperGoals(self.grasping, kind))
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
+        self.check_given()
         self.log_ready()
 
-    def unknown_parameters(self) -> list[str]:
-        """Return the given names that neither the node nor the block of an arm declares."""
+    def check_given(self) -> None:
+        """Raise RequestError for parameters given to this node alone that it does not have."""
         arms = self.configuration.node.arms
+        alone = [
+            name
+            for name in undeclared_overrides(self)
+            if name.partition('.')[0] not in arms
+            and not any(name in overrides(member) for member in self.members)
+        ]
+        if alone:
+            raise RequestError(
+                f'{", ".join(alone)}: the gripper has no parameter of this name, and only a block '
+                f'with the name of an arm ({", ".join(arms)}) gives parameters to its nodes',
+                reason='unknown_key',
+            )
+
+    def unknown_parameters(self) -> list[str]:
+        """Return given names that have no effect, also those in blocks for nodes not started."""
+        settings = self.configuration.node
         return [
             name
             for name in super().unknown_parameters()
-            if name.partition('.')[0] not in arms
-            and not any(member.has_parameter(name) for member in self.members)
+            if (
+                not is_used(settings, name.partition('.')[2])
+                if name.partition('.')[0] in settings.arms
+                else not any(member.has_parameter(name) for member in self.members)
+            )
         ]
 
     def forget(self) -> str:
@@ -87,14 +109,12 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
 
     def zero_pressure(self, request: Any, response: Any) -> Any:
         """Serve ~/zero_pressure of a vented gripper; each node sets its own offset."""
-        response.success, messages = True, []
-        for member in self.members:
-            if hasattr(member, 'zero'):
-                reply = member.zero.serve(request, Trigger.Response())
-                response.success = response.success and reply.success
-                messages.append(f'{member.get_fully_qualified_name()}: {reply.message}')
-        response.message = '; '.join(messages)
-        return response
+        zeros = {member: member.zero.serve for member in self.members if hasattr(member, 'zero')}
+        return ask_all(zeros, request, response)
+
+    def reload_model(self, request: Any, response: Any) -> Any:
+        """Serve ~/reload_model: each node reads its files again."""
+        return ask_all({one: one.reload_model for one in self.members}, request, response)
 
     def reconfigure(self, configuration: GripperConfiguration) -> None:
         """Use the new command settings; all other parameters are fixed until restart."""
@@ -121,10 +141,9 @@ def gripper_nodes() -> Iterator[Any]:
     gripper = GripperNode()
     settings = gripper.configuration.node
     given = {name: parameter.value for name, parameter in overrides(gripper).items()}
-    blocks = {arm: block_of(arm, given) for arm in settings.arms}
     namespace = gripper.get_namespace().rstrip('/')
     clock = {'use_sim_time': gripper.get_parameter('use_sim_time').value}
-    mounted = gripper_of(settings, blocks)
+    blocks, mounted = arms_of(settings, given)
     yield gripper
     fusions: dict[str, Any] = {}
     cameras: dict[tuple[str, str], Any] = {}
@@ -136,12 +155,12 @@ def gripper_nodes() -> Iterator[Any]:
                 namespace=f'{namespace}/{arm}',
                 parameters=clock | parameters,
                 topics=block.topics,
-                sibling=models.get(parameters['model_file']),
+                sibling=models.get(parameters.get('model_file')),
                 foreign_parameters=given,
                 cameras=cameras,
             )
             member = CLASSES[kind](node_options)
-            models.setdefault(parameters['model_file'], member.configuration)
+            models.setdefault(parameters.get('model_file'), member.configuration)
             gripper.members.append(member)
             if kind == 'fusion':
                 fusions[arm] = member

@@ -14,13 +14,7 @@ from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantity
 from pneunet_ros.fusion.grasp import Gripper
-from pneunet_ros.nodes.gripper.configuration import (
-    block_of,
-    configured_gripper,
-    flattened,
-    gripper_of,
-    MOUNT,
-)
+from pneunet_ros.nodes.gripper.configuration import arms_of, configured_gripper, flattened, MOUNT
 from pneunet_ros.nodes.gripper.configuration import PARAMETERS as OF_GRIPPER
 from pneunet_ros.nodes.parameters import ParameterTable
 from pneunet_ros.nodes.params_file import parameters_of
@@ -88,9 +82,7 @@ def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, 
     for path in files or [str(share_path(SHIPPED))]:
         given |= parameters_of(path, name)
     settings = configured_gripper(OF_GRIPPER.completed(given), None).node
-    flat = dict(flattened(given))
-    blocks = {arm: block_of(arm, flat) for arm in settings.arms}
-    gripper = gripper_of(settings, blocks)
+    blocks, gripper = arms_of(settings, dict(flattened(given)))
     if gripper is None:
         raise RequestError(
             f'{", ".join(settings.arms)} have no {MOUNT}. Use the params_file of the gripper, '

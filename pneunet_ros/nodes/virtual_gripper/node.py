@@ -14,6 +14,7 @@ from pneunet_ros.core.health import Level, Report
 from pneunet_ros.fusion.grasp import Gripper
 from pneunet_ros.lab.live import Load
 from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.gripper.services import ask_all
 from pneunet_ros.nodes.node_options import NodeOptions
 from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.params_file import params_files
@@ -82,6 +83,11 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
         for member in self.members.values():
             member.forget()
         return 'unconditioned arms (no prior loading), vented'
+
+    def reload_model(self, request: Any, response: Any) -> Any:
+        """Serve ~/reload_model: each arm reads its files again."""
+        services = {member: member.reload_model for member in self.members.values()}
+        return ask_all(services, request, response)
 
     def reconfigure(self, configuration: VirtualGripperConfiguration) -> None:
         """Continue with another object."""
