@@ -132,7 +132,8 @@ def _shifted(tracking: Tracking, by_ns: int) -> Tracking:
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     """Return a film with a string at the tip: the load in each row follows the tip.
 
-    Raises RequestError if no frame shows the tip, or if the eye of the string lies on the arm.
+    Rows before the first and after the last frame that shows the tip have none. Raises
+    RequestError if no frame shows the tip, or if the eye of the string lies on the arm.
     """
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])
@@ -146,8 +147,9 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
         )
     start = run.table.stamp_ns[0]
     seen = np.array([frame.stamp_ns for frame in sightings])[known] - start
+    rows = run.table.stamp_ns - start
     tip_positions = np.column_stack(
-        [np.interp(run.table.stamp_ns - start, seen, part) for part in tips[known].T]
+        [np.interp(rows, seen, part, left=np.nan, right=np.nan) for part in tips[known].T]
     )
     load = np.column_stack([string.pull(tip_positions), np.zeros(len(tip_positions))])
     table = replace(run.table, values={**run.table.values, END_WRENCH.name: load})

@@ -87,6 +87,18 @@ def test_without_forces_nothing_hangs_and_a_known_load_is_no_reading(track):
     assert 'known_load' in reasons(sentences)
 
 
+def test_a_string_has_no_load_where_no_film_shows_the_tip(track):
+    """The first and the last tip of the film were those of all rows before and after it."""
+    code, _, output = track('film.avi', '--delay', '-0.2', '--string', '10g', '0.3', '0')
+    assert code == 0
+    recording = open_recording(output)
+    pulled, frames, rows = (
+        [message.log_time_ns for message in recording.messages([f'/pneunet/{name}'])]
+        for name in ('string_wrench', 'targets', 'pressure')
+    )
+    assert rows[0] < frames[0] <= pulled[0] < pulled[-1] <= frames[-1]
+
+
 def test_json_tells_the_delay_and_the_clock_of_the_film(track):
     code, said, _ = track('film.avi', '--delay', '0.1', '--json')
     found = json.loads(said)
