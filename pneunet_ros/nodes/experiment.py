@@ -37,6 +37,7 @@ from rclpy.utilities import remove_ros_args
 
 PERIOD = 0.02  # s, between commands
 PATIENCE = 30.0  # s, to wait for readings and for a subscriber to the commands
+SILENCE = 2.0  # s without messages at the end, after which a sensor is taken for dead
 REST = 3.0  # s at the first corner, before the recording begins
 DEPTH = 200  # depth of the queues
 DONE, WRONG_REQUEST = 0, 2
@@ -54,6 +55,7 @@ class ExperimentNode(Node):
         self.writer: RecordingWriter | None = None
         self.topics: dict[str, Any] = {}
         self.counts = dict.fromkeys((PRESSURE.name, END_WRENCH.name, TARGETS.name), 0)
+        self.heard_at = dict.fromkeys(self.counts, 0.0)
         self.pressures = publisher(self, PRESSURE.type, 'pressure_command', output_qos())
         self.forces = publisher(self, END_WRENCH.type, 'force_command', output_qos())
         qos = input_qos()
@@ -68,6 +70,7 @@ class ExperimentNode(Node):
 
         def keep(raw: bytes) -> None:
             self.counts[name] += 1
+            self.heard_at[name] = time.monotonic()
             if self.writer is not None:
                 stamp_ns = self.get_clock().now().nanoseconds
                 self.writer.write_raw(self.topics[name], stamp_ns, bytes(raw))
@@ -143,11 +146,17 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
         node.record_into(writer)
         node.spin(float(node.corners[-1, 0]), node.command)
         node.record_into(None)
+        end = time.monotonic()
         for name, count in node.counts.items():
+            topic, silence = node.resolve_topic_name(name), end - node.heard_at[name]
             if not count and (loaded or name != END_WRENCH.name):
-                topic = node.resolve_topic_name(name)
                 raise RecordingError(
                     f'no messages on {topic} during the experiment', reason='silence'
+                )
+            if count and silence > SILENCE:
+                raise RecordingError(
+                    f'no messages on {topic} in the last {silence:.1f} s of the experiment',
+                    reason='silence',
                 )
 
 

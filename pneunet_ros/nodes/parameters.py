@@ -165,7 +165,7 @@ def arm_from_file(model_file: str, effects_path: str, gravity: str = '') -> Arm:
 
 
 def check_source(new: GravitySource, old: GravitySource) -> None:
-    """Reject a source of gravity whose topics the node does not read."""
+    """Reject a source of gravity whose topics the node does not read; old: that of its start."""
     if new.frame != old.frame or new.uses_imu > old.uses_imu:
         raise RequestError(
             'this node was started without the topics that give the direction of gravity '

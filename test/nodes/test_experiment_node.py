@@ -11,17 +11,21 @@ import sys
 import time
 
 import numpy as np
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.recordings.dataset_reader import read_run
 import pytest
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.nodes.experiment import run_experiment  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
 from support.dds_peer import running_node  # noqa: E402
+from support.refusals import refused  # noqa: E402
 
 DOMAIN = (int(os.environ['ROS_DOMAIN_ID']) + 25) % 101 + 1
 CORNERS = [[0.0, 0.0, 0.0, 0.0], [1.0, 8000.0, 0.1, -0.05], [3.0, 8000.0, 0.1, -0.05]]
@@ -116,3 +120,40 @@ def test_without_an_arm_it_says_so(tmp_path):
     assert done.returncode == 2
     assert '/pneunet/pressure' in done.stderr
     assert not (tmp_path / 'none.mcap').exists()
+
+
+class ShortOfPressure:
+    """Stands for the node of an experiment: its pressure stops 3 s before the end."""
+
+    corners = np.array(CORNERS)
+
+    def __init__(self):
+        now = time.monotonic()
+        self.counts = {PRESSURE.name: 50, END_WRENCH.name: 100, TARGETS.name: 30}
+        self.heard_at = dict.fromkeys(self.counts, now) | {PRESSURE.name: now - 3.0}
+        self.pressures = self.forces = self
+
+    def resolve_topic_name(self, name):
+        return f'/p/{name}'
+
+    def get_subscription_count(self):
+        return 1
+
+    def waited(self, ready):
+        return ready()
+
+    def spin(self, seconds, step):
+        step(0.0)
+
+    def command(self, seconds):
+        pass
+
+    def record_into(self, writer):
+        pass
+
+
+def test_a_sensor_that_falls_silent_makes_no_recording(tmp_path):
+    with refused(RecordingError, 'silence') as caught:
+        run_experiment(ShortOfPressure(), tmp_path / 'short.mcap')
+    assert '/p/pressure' in str(caught.value)
+    assert not list(tmp_path.iterdir())

@@ -542,6 +542,12 @@ def test_another_model_is_used_and_a_bad_one_is_not(peer, tmp_path):
     assert json.loads(peer.model_info())['length'] == 0.112
 
 
+def test_a_direction_of_gravity_may_be_set_and_taken_back(peer):
+    for direction in ('0, -1', ''):  # the accelerometer was subscribed to at the start
+        answer = peer.set(gravity=direction)
+        assert answer.successful, answer.reason
+
+
 def test_parameters_are_used_from_then_on(peer):
     plain_force = expect_estimate(peer, 100.0)
     assert peer.set(wrench_sign=-1).successful

@@ -230,6 +230,13 @@ def test_commands_that_cannot_be_used_change_nothing_and_are_counted(peer):
     assert int(values['rejected/not_finite']) >= 2
     assert int(values['rejected/wrong_frame']) >= 1
 
+    def is_said():
+        peer.load(x=0.1, frame_id='tool0')
+        level, message, _ = peer.report()
+        return level == Level.WARN and 'tool0' in message
+
+    assert peer.spin_until(is_said)
+
 
 def test_a_command_goes_as_far_as_the_arm(peer):
     peer.commands.publish(FluidPressure(fluid_pressure=1e6))

@@ -61,6 +61,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""
         super().__init__('estimator', PARAMETERS, configured_estimator, node_options)
+        self.gravity_at_start = self.configuration.estimator.gravity
         self.state = EstimatorState()
         self.consistency = ConsistencyState()
 
@@ -84,7 +85,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             sensor.name: self.resolve_topic_name(sensor.topic) for sensor in OF_ESTIMATOR
         }
         self.health = EstimatorHealth(self.topics[PRESSURE.name], time.monotonic())
-        source = self.configuration.estimator.gravity
+        source = self.gravity_at_start
         takes: dict[Input[Any], Callable[..., None]] = {
             one: partial(self.take_gravity, one)
             for one in gravity_inputs(source)
@@ -103,7 +104,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def check_inputs(self, new: EstimatorConfiguration) -> None:
         """Reject another source of gravity, whose topics were not subscribed to."""
-        check_source(new.estimator.gravity, self.configuration.estimator.gravity)
+        check_source(new.estimator.gravity, self.gravity_at_start)
 
     def take_gravity(self, sensor: Input[Any], message: Any, info: dict[str, int]) -> None:
         """Take a message with the direction of gravity."""

@@ -56,6 +56,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         """Declare all parameters, warm up, and only then open the topics."""
         super().__init__('fusion', PARAMETERS, configured_fusion, node_options)
         self.state = FusionState()
+        self.gravity_at_start = self.configuration.fusion.gravity
         self.is_unsettled = False
         self.take_frame: Callable[[], None] | None = None  # of a gripper: called per frame
         self.frame_ns = 0
@@ -86,7 +87,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
 
     def check_inputs(self, new: FusionConfiguration) -> None:
         """Reject another source of gravity, whose topics were not subscribed to."""
-        check_source(new.fusion.gravity, self.configuration.fusion.gravity)
+        check_source(new.fusion.gravity, self.gravity_at_start)
 
     def take(self, sensor: Input[Any], topic: str, message: Any, info: dict[str, int]) -> None:
         """Process a message, and publish its estimate if there is one."""

@@ -69,6 +69,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.warm_up()
         self.state = self.configuration.lab.begin(self.now())
         self.rejected: Counter[str] = Counter()
+        self.refused = ''  # the last command since the last report that had no effect
         self.trouble: Refusal | None = None
         self.readings, self.reported = 0, time.monotonic()
         self.stamp_ns = self.frame_ns = 0  # of the last reading and the last frame
@@ -153,6 +154,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def refuse(self, reason: str, sentence: str) -> None:
         """Count a command that has no effect."""
         self.rejected[reason] += 1
+        self.refused = sentence
         self.log_refusal(drop(0, reason, sentence))
 
     def commanded(self) -> float:
@@ -285,6 +287,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             'moment_nm': self.load.moment,
         }
         level, message = Level.OK, f'a virtual arm at {rate:.3g} Hz'
+        if self.refused:
+            level, message = Level.WARN, self.refused
         if self.clock_stopped:
             level = Level.WARN
             message = (
@@ -294,7 +298,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.log.warn('still', message, now)
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
-        self.readings, self.reported, self.trouble = 0, now, None
+        self.readings, self.reported, self.trouble, self.refused = 0, now, None, ''
         entries = texts(values) | count_texts('rejected', self.rejected)
         self.publish_report('arm', Report(level=level, message=message, values=entries))
 
