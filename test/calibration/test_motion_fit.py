@@ -201,3 +201,14 @@ def test_errors_are_those_of_the_loss_of_the_search():
         found.append(fit.x[0])
         stated.append(standard_errors(linear_problem(400), fit.jac, residuals, 0.0)[0])
     assert np.mean(stated) == pytest.approx(np.std(found), rel=0.1)
+
+
+@pytest.mark.parametrize('moved', [0.0, 5e-3])
+def test_an_arm_at_rest_gives_no_motion(moved):
+    """Even if its last frame is elsewhere."""
+    scenario = dataclasses.replace(swinging((20e3, 20e3), (0.0, 1.0)), motion=None)
+    arm, run = true_model(scenario), run_of(simulate(scenario)).without_load()
+    y = run.y.copy()
+    y[-1] += moved * (arm.target_arclength / arm.length) ** 2
+    with refused(RequestError, 'not_in_motion'):
+        fit_motion(arm, [dataclasses.replace(run, y=y)])

@@ -122,7 +122,7 @@ def fit_motion(
     )
     in_motion = sum(int(np.count_nonzero(~item)) for item in at_rest)
     frames = sum(len(item) for item in at_rest)
-    if not moving_rms < still_rms:
+    if not in_motion or not moving_rms < still_rms:
         raise RequestError(
             f'the recordings after --motion do not show the arm swinging ({in_motion} of '
             f'{frames} frames, none of them explained by mass): change the pressure by half of '

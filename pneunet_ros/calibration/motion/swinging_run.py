@@ -148,7 +148,7 @@ def has_constant_inputs(run: RecordingData, loads: Array, arm: Arm) -> bool:
 def from_release(run: SwingingRun) -> SwingingRun:
     """Return a recording from the last frame of a large swing on.
 
-    Raises RequestError if fewer than two frames show targets.
+    Raises RequestError if fewer than two frames show targets, or fewer than two after the release.
     """
     distance = np.hypot(*run.deviation.transpose(1, 0, 2))
     seen = np.isfinite(distance).any(axis=1)
@@ -160,4 +160,11 @@ def from_release(run: SwingingRun) -> SwingingRun:
     mean_distance = np.zeros(len(distance))
     mean_distance[seen] = np.nanmean(distance[seen], axis=1)
     large = np.flatnonzero(mean_distance[:-1] >= LARGE_SWING * mean_distance.max())
-    return run.starting_at(int(large[-1]) + 1)
+    first = int(large[-1]) + 1 if large.size else len(distance)
+    if np.count_nonzero(seen[first + 1 :]) < 2:
+        raise RequestError(
+            f'{run.name}: at constant pressure the arm does not swing freely: pluck it, let it go '
+            'and record 20 s',
+            reason='not_in_motion',
+        )
+    return run.starting_at(first)
