@@ -212,3 +212,17 @@ def test_an_arm_at_rest_gives_no_motion(moved):
     y[-1] += moved * (arm.target_arclength / arm.length) ** 2
     with refused(RequestError, 'not_in_motion'):
         fit_motion(arm, [dataclasses.replace(run, y=y)])
+
+
+def test_an_arm_may_rest_before_it_swings():
+    """The first thousand readings, which were scanned, show a mass only if the arm moves."""
+    scenario = swinging(STEPS[0], (0.0, 0.75, 0.7575, 0.875, 0.8825, 1.0))
+    scenario = dataclasses.replace(
+        scenario,
+        protocol=dataclasses.replace(scenario.protocol, duration=16.0),
+        rates=Rates(pressure=100.0, wrench=60.0, frames=20.0),
+        motion=LabMotion(damping_time=DAMPING_TIME, tip_mass=4.0 * TIP_MASS),
+    )
+    fit = fit_motion(true_model(scenario), [run_of(simulate(scenario)).without_load()])
+    assert fit.motion.tip_mass == pytest.approx(4.0 * TIP_MASS, rel=0.02)
+    assert fit.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.03)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.calibration.motion.swinging_run import swinging_run, SwingingRun
+from pneunet_ros.calibration.motion.swinging_run import LARGE_SWING, swinging_run, SwingingRun
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
@@ -223,7 +223,7 @@ class MotionProblem:
         return columns
 
     def best_of_scan(self) -> Array:
-        """Return the grid parameters that fit the first readings of each run best."""
+        """Return the grid parameters that fit the first swing of each run best."""
         short = self.shortened(SCANNED_READINGS)
         guesses = [
             short.initial_parameters(mass - 1.0, ratio)
@@ -294,11 +294,24 @@ class MotionProblem:
         return parameters
 
     def shortened(self, most: int) -> MotionProblem:
-        """Return the problem with this many readings of each run."""
-        runs = (
-            run.part(slice(np.count_nonzero(run.reading < most)), slice(most)) for run in self.runs
-        )
+        """Return the problem with this many readings of each run, from its first swing on."""
+        runs = []
+        for run in self.runs:
+            first = max(min(self.before_swing(run), len(run.stamp_ns) - most), 0)
+            frames = np.searchsorted(run.reading, [first, first + most]).tolist()
+            runs.append(run.part(slice(*frames), slice(first, first + most)))
         return replace(self, runs=tuple(runs))
+
+    def before_swing(self, run: SwingingRun) -> int:
+        """Return the reading a period before the first large swing of a run; 0 if plucked."""
+        distance = np.hypot(*run.centered(run.deviation).transpose(1, 0, 2))
+        seen = np.flatnonzero(np.isfinite(distance).any(axis=1))
+        if run.plucked or not seen.size:
+            return 0
+        median = np.nanmedian(distance[seen], axis=1)
+        large = seen[np.argmax(median >= LARGE_SWING * median.max())]
+        period = self.period(SCANNED_MASSES[-1] - 1.0) * NANOSECONDS_PER_SECOND
+        return int(np.searchsorted(run.stamp_ns, run.stamp_ns[run.reading[large]] - period))
 
 
 def motion_problem(arm: Arm, runs: Sequence[RecordingData]) -> MotionProblem:
