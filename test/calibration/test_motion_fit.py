@@ -203,17 +203,6 @@ def test_errors_are_those_of_the_loss_of_the_search():
     assert np.mean(stated) == pytest.approx(np.std(found), rel=0.1)
 
 
-@pytest.mark.parametrize('moved', [0.0, 5e-3])
-def test_an_arm_at_rest_gives_no_motion(moved):
-    """Even if its last frame is elsewhere."""
-    scenario = dataclasses.replace(swinging((20e3, 20e3), (0.0, 1.0)), motion=None)
-    arm, run = true_model(scenario), run_of(simulate(scenario)).without_load()
-    y = run.y.copy()
-    y[-1] += moved * (arm.target_arclength / arm.length) ** 2
-    with refused(RequestError, 'not_in_motion'):
-        fit_motion(arm, [dataclasses.replace(run, y=y)])
-
-
 def test_an_arm_may_rest_before_it_swings():
     """The first thousand readings, which were scanned, show a mass only if the arm moves."""
     scenario = swinging(STEPS[0], (0.0, 0.75, 0.7575, 0.875, 0.8825, 1.0))
@@ -226,3 +215,33 @@ def test_an_arm_may_rest_before_it_swings():
     fit = fit_motion(true_model(scenario), [run_of(simulate(scenario)).without_load()])
     assert fit.motion.tip_mass == pytest.approx(4.0 * TIP_MASS, rel=0.02)
     assert fit.motion.damping_time == pytest.approx(DAMPING_TIME, rel=0.03)
+
+
+def test_a_late_camera_speaks_against_the_fit():
+    scenario = swinging(*STEPS).with_effects({'camera_delay': {'delay': 0.025}})
+    arm = dataclasses.replace(true_model(scenario), effects=())
+    fit = fit_motion(arm, [run_of(simulate(scenario)).without_load()])
+    assert fit.objection and fit.described == f'{fit.sentence}; but {fit.objection}'
+    moving = fit.applied_to(arm)
+    assert moving.sources['motion'] == fit.described
+    right, _ = fitted()
+    assert not right.objection and right.described == right.sentence
+
+
+def test_an_arm_without_mass_whose_camera_is_late_has_no_wrong_weight():
+    scenario = swinging(*STEPS).with_effects({'camera_delay': {'delay': 0.1}})
+    scenario = dataclasses.replace(scenario, motion=None)
+    arm = dataclasses.replace(true_model(scenario), effects=())
+    with refused(RequestError, 'not_in_motion'):
+        fit_motion(arm, [run_of(simulate(scenario)).without_load()])
+
+
+@pytest.mark.parametrize('moved', [0.0, 5e-3])
+def test_an_arm_at_rest_gives_no_motion(moved):
+    """Even if its last frame is elsewhere."""
+    scenario = dataclasses.replace(swinging((20e3, 20e3), (0.0, 1.0)), motion=None)
+    arm, run = true_model(scenario), run_of(simulate(scenario)).without_load()
+    y = run.y.copy()
+    y[-1] += moved * (arm.target_arclength / arm.length) ** 2
+    with refused(RequestError, 'not_in_motion'):
+        fit_motion(arm, [dataclasses.replace(run, y=y)])

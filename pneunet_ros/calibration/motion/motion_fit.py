@@ -20,6 +20,7 @@ from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
+from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.moving_arm import unloaded_modes
 from pneunet_ros.model.arm import Arm
@@ -37,7 +38,7 @@ class MotionFit:
     arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets from the arm in
     equilibrium and in motion. in_motion: number of frames in which motion moves the tip by more
     than 1.96 standard deviations of a target. shares (arms,): fitted steps towards the perturbed
-    arms.
+    arms. objection: why the moving arm does not explain the recordings; empty if it does.
     """
 
     motion: Motion
@@ -50,6 +51,7 @@ class MotionFit:
     in_motion: int
     frames: int
     shares: tuple[float, ...] = ()
+    objection: str = ''
 
     @property
     def sentence(self) -> str:
@@ -63,10 +65,15 @@ class MotionFit:
             f'{millimeters(self.still_rms):.2g} mm from its equilibrium'
         )
 
+    @property
+    def described(self) -> str:
+        """The finding in words, and what speaks against it."""
+        return f'{self.sentence}; but {self.objection}' if self.objection else self.sentence
+
     def applied_to(self, arm: Arm) -> Arm:
         """Return an arm with the fitted motion."""
         moving = arm.with_motion(self.motion)
-        return replace(moving, sources={**arm.sources, 'motion': self.sentence})
+        return replace(moving, sources={**arm.sources, 'motion': self.described})
 
 
 def fit_motion(
@@ -136,6 +143,13 @@ def fit_motion(
         math.hypot(errors[1], MODEL_ERROR),
     )
     tip_std = mass_error * problem.effective_mass * max(1.0 + float(fitted.x[0]), 1.0)
+    objection = objection_to(problem, residuals, deviations, at_rest)
+    if tip_mass < -WITHIN_95 * tip_std and objection:
+        raise RequestError(
+            f'no mass explains how the arm moves in the recordings after --motion ({objection}): '
+            'it lags, creeps or has friction, or the clocks differ. Run `pneunet diagnose`',
+            reason='not_in_motion',
+        )
     if tip_mass < -WITHIN_95 * tip_std:
         needed_weight = (1.0 + tip_mass / problem.effective_mass) * arm.weight
         raise RequestError(
@@ -157,6 +171,7 @@ def fit_motion(
         motion=motion,
         tip_mass_std=tip_std,
         damping_time_std=damping_time * damping_error,
+        objection=objection,
         hertz=found.hertz,
         decay_time=found.decay_time,
         still_rms=still_rms,
@@ -168,6 +183,35 @@ def fit_motion(
                 : len(perturbed_arms)
             ].tolist()
         ),
+    )
+
+
+def objection_to(
+    problem: MotionProblem,
+    residuals: Sequence[Array],
+    deviations: Sequence[Array],
+    at_rest: Sequence[Flags],
+) -> str:
+    """Return why the moving arm does not explain its swings; empty if it does.
+
+    As in a diagnosis, noise and the law error of inertia are allowed. The noise is that of frames
+    at rest, if there are any.
+    """
+    left = problem.std * problem.without_nuisance(problem.whitened(residuals))[0]
+    seen = np.concatenate([np.isfinite(item).ravel() for item in residuals])
+    moving = np.concatenate(
+        [np.repeat(~rest, item[0].size) for rest, item in zip(at_rest, residuals, strict=True)]
+    )
+    swung = np.concatenate([item.ravel() for item in deviations])
+    rested = left[seen & ~moving]
+    floor = max(float(np.mean(rested**2)) if rested.size else 0.0, problem.std**2)
+    allowed = floor + Inertia.law_error**2 * float(np.mean(swung[seen & moving] ** 2))
+    found = float(np.mean(left[seen & moving] ** 2))
+    if found <= allowed:
+        return ''
+    return (
+        f'while it moves, targets are {millimeters(math.sqrt(found)):.2g} mm away from the moving '
+        f'arm, where noise alone would leave {millimeters(math.sqrt(allowed)):.2g} mm'
     )
 
 

@@ -183,7 +183,7 @@ def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | 
         fit = fit_motion(arm, runs)
     except RequestError as error:
         return None, f'the model has no motion: {error}'
-    return fit, fit.sentence
+    return fit, fit.described
 
 
 def files_of(arguments: Namespace) -> Files:
