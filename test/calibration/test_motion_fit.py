@@ -25,6 +25,7 @@ from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
+from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 import scipy
 from support.lab_run import run_of, true_model
@@ -245,3 +246,32 @@ def test_an_arm_at_rest_gives_no_motion(moved):
     y[-1] += moved * (arm.target_arclength / arm.length) ** 2
     with refused(RequestError, 'not_in_motion'):
         fit_motion(arm, [dataclasses.replace(run, y=y)])
+
+
+@pytest.mark.parametrize(
+    ('pressure', 'share', 'effects'),
+    [
+        (*STEPS, {}),
+        (
+            (20e3, 20e3),
+            (0.0, 1.0),
+            {'push': {'force': 0.02, 'place': 0.9, 'begins': 0.2, 'ends': 0.8, 'every': 100.0}},
+        ),
+    ],
+)
+def test_the_error_of_the_mass_includes_that_of_the_stiffness(pressure, share, effects):
+    scenario = swinging(pressure, share).with_effects(effects)
+    arm = true_model(dataclasses.replace(scenario, effects=()))
+    law = arm.moment_law
+    names = [f'moment_law.rigidity.{row}.{part}' for row, part in np.ndindex(law.rigidity.shape)]
+    factor = 0.05 * law.rigidity.reshape(-1, 1)
+    stiff = dataclasses.replace(
+        arm,
+        moment_law=dataclasses.replace(law, rigidity=1.05 * law.rigidity),
+        covariance=ModelCovariance(quantities=tuple(names), factor=factor),
+    )
+    fit = fit_motion(stiff, [run_of(simulate(scenario)).without_load()])
+    assert fit.motion.tip_mass > 1.1 * TIP_MASS
+    assert fit.motion.tip_mass - TIP_MASS == pytest.approx(fit.tip_mass_std, rel=0.05)
+    assert fit.damping_time_std < 0.02 * DAMPING_TIME
+    assert fit.motion.mass_error < 0.01

@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.motion.motion_problem import (
+    DIFFERENCE_STEP,
     Flags,
     motion_problem,
     MotionProblem,
@@ -25,6 +27,7 @@ from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.moving_arm import unloaded_modes
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.motion import Motion
+from pneunet_ros.model.perturbation import COLUMN_STEP, neighbors
 
 # Relative model error of fits: in MuJoCo they are off by up to 0.3 % of mass, 0.6 % of damping.
 MODEL_ERROR = 0.004
@@ -38,7 +41,8 @@ class MotionFit:
     arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets from the arm in
     equilibrium and in motion. in_motion: number of frames in which motion moves the tip by more
     than 1.96 standard deviations of a target. shares (arms,): fitted steps towards the perturbed
-    arms. objection: why the moving arm does not explain the recordings; empty if it does.
+    arms. objection: why the moving arm does not explain the recordings; empty if it does. The
+    standard errors include those of the static arm, unlike `mass_error` and `damping_error`.
     """
 
     motion: Motion
@@ -142,7 +146,10 @@ def fit_motion(
         math.hypot(errors[0] / max(1.0 + float(fitted.x[0]), 1.0), MODEL_ERROR),
         math.hypot(errors[1], MODEL_ERROR),
     )
-    tip_std = mass_error * problem.effective_mass * max(1.0 + float(fitted.x[0]), 1.0)
+    mass_shift, damping_shift = np.linalg.norm(static_shifts(problem, runs, fitted), axis=0)[:2]
+    tip_std = problem.effective_mass * math.hypot(
+        mass_error * max(1.0 + float(fitted.x[0]), 1.0), mass_shift
+    )
     objection = objection_to(problem, residuals, deviations, at_rest)
     if tip_mass < -WITHIN_95 * tip_std and objection:
         raise RequestError(
@@ -170,7 +177,7 @@ def fit_motion(
     return MotionFit(
         motion=motion,
         tip_mass_std=tip_std,
-        damping_time_std=damping_time * damping_error,
+        damping_time_std=damping_time * math.hypot(damping_error, damping_shift),
         objection=objection,
         hertz=found.hertz,
         decay_time=found.decay_time,
@@ -184,6 +191,26 @@ def fit_motion(
             ].tolist()
         ),
     )
+
+
+def static_shifts(problem: MotionProblem, runs: Sequence[RecordingData], fitted: Any) -> Array:
+    """Return the changes of the fitted parameters by one sigma of each error of the static arm.
+
+    (columns, parameters), a row of zeros without a covariance: a stiffer arm swings as a lighter
+    one does.
+    """
+    arm = problem.arm
+    if arm.covariance is None:
+        return np.zeros((1, fitted.x.size))
+    shifts = []
+    for column in arm.covariance.columns():
+        near = next(one for one in neighbors(arm, column)[:2] if one is not arm)
+        (change,) = problem.error_columns([near], runs, fitted.x)
+        change, _ = problem.without_nuisance(change * DIFFERENCE_STEP / COLUMN_STEP)
+        # `fitted.jac` is scaled by the loss, as in `standard_errors`.
+        scale = (1.0 + fitted.fun[: change.size] ** 2) ** -0.75
+        shifts.append(np.linalg.lstsq(fitted.jac[: change.size], scale * change)[0])
+    return np.array(shifts)
 
 
 def objection_to(

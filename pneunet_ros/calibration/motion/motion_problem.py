@@ -211,12 +211,15 @@ class MotionProblem:
         residuals, columns = self.whitened(self.residuals(deviations)), []
         for arm in arms:
             other = motion_problem(arm, runs)
+            pairs = list(zip(other.runs, self.runs, strict=True))
+            other = replace(
+                other,
+                runs=tuple(run.beginning_with(one) if one.plucked else run for run, one in pairs),
+            )
             shifted = [
-                own
-                if run.plucked
-                else deviation + run.equilibrium[run.reading] - one.equilibrium[one.reading]
-                for run, one, deviation, own in zip(
-                    other.runs, self.runs, other.simulate(parameters)[0], deviations, strict=True
+                deviation + run.equilibrium[run.reading] - one.equilibrium[one.reading]
+                for run, one, deviation in zip(
+                    other.runs, self.runs, other.simulate(parameters)[0], strict=True
                 )
             ]
             columns.append((residuals - self.whitened(self.residuals(shifted))) / DIFFERENCE_STEP)

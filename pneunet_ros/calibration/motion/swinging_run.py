@@ -61,6 +61,14 @@ class SwingingRun:
             theta_and_curvature=self.theta_and_curvature[readings],
         )
 
+    def beginning_with(self, other: SwingingRun) -> SwingingRun:
+        """Return the recording from the first frame of another on; the other if it has none."""
+        begin = other.stamp_ns[other.reading[0]]
+        frame = int(np.searchsorted(self.stamp_ns[self.reading], begin))
+        if len(self.reading) - frame != len(other.reading):
+            return other
+        return self.starting_at(frame)
+
     def starting_at(self, frame: int) -> SwingingRun:
         """Return the recording starting at the reading of a frame."""
         return self.part(slice(frame, None), slice(int(self.reading[frame]), None))
