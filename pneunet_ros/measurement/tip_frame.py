@@ -126,9 +126,12 @@ def in_base_frame(
                     reason='other_frame',
                 )
             )
-        elif is_in_other_frame(run, arm, settings):
+            continue
+        is_other = is_in_other_frame(run, arm, settings)
+        if is_other:
             other.setdefault(run.tip_frame, []).append(index)
-        elif (strays := out_of_reach(run, arm, settings)).any():
+        strays = out_of_reach(run, arm, settings, clamp_known=not is_other)
+        if strays.any():
             in_base[index] = without_poses(run, strays)
             notes.append(
                 Note(
@@ -138,10 +141,10 @@ def in_base_frame(
                 )
             )
     for places in other.values():
-        found = base_of([runs[index] for index in places], arm, settings)
+        found = base_of([in_base[index] for index in places], arm, settings)
         names = ', '.join(runs[index].name for index in places)
         for index in places:
-            in_base[index] = found.in_base(runs[index])
+            in_base[index] = found.in_base(in_base[index])
         notes.append(
             Note(
                 f'{names}: the tip is measured in another frame; {found.sentence}',
@@ -179,18 +182,25 @@ def is_in_other_frame(
 
 
 def out_of_reach(
-    run: RecordingData, arm: Arm, settings: TipFrameSettings
+    run: RecordingData, arm: Arm, settings: TipFrameSettings, *, clamp_known: bool = True
 ) -> npt.NDArray[np.bool_]:
-    """Return a mask (frames,) of tip poses farther from the clamp than any arm reaches."""
+    """Return a mask (frames,) of tip poses farther from the clamp than any arm reaches.
+
+    If it is not known where the clamp is, of those farther from their median than two tips can be.
+    """
     if run.tip_pose is None:
         return np.zeros(len(run.stamp_ns), dtype=np.bool_)
-    distance = np.hypot(run.tip_pose[:, 0], run.tip_pose[:, 1])
-    return np.asarray(distance > settings.out_of_reach * arm.reach)
+    place, largest = run.tip_pose[:, :2], settings.out_of_reach * arm.reach
+    if not clamp_known:
+        place, largest = place - np.nanmedian(place, axis=0), 2.0 * largest
+    return np.asarray(np.hypot(*place.T) > largest)
 
 
 def without_poses(run: RecordingData, left_out: npt.NDArray[np.bool_]) -> RecordingData:
     """Return a run without the tip poses of these frames; those that show no more are dropped."""
     assert run.tip_pose is not None
+    if left_out.all():
+        return run.without_tip_pose()
     pose = np.where(left_out[:, None], np.nan, run.tip_pose)
     return replace(run, tip_pose=pose).subset(np.flatnonzero(~left_out | run.seen.any(axis=1)))
 

@@ -213,6 +213,19 @@ def test_one_stray_pose_moves_no_other(distance):
     (run,), notes = in_base_frame([recorded(pose)], ARM)
     assert reasons(notes) == ['out_of_reach']
     assert (run.tip_pose == np.delete(pose, 5, axis=0)).all()
+    seen = np.zeros((LEVELS.size, 2))
+    pose[:, 0] = 3.0
+    (run,), notes = in_base_frame([replace(recorded(pose), x=seen, y=seen)], ARM)
+    assert run.tip_pose is None
+    assert reasons(notes) == ['out_of_reach']
+
+
+def test_one_stray_pose_hides_no_clamp():
+    pose = moved(poses(), 1.2, -0.4, 0.7)
+    pose[5, :2] = 3.0, 0.0
+    (run,), notes = in_base_frame([recorded(pose)], ARM)
+    assert reasons(notes) == ['out_of_reach', 'base_found']
+    assert run.tip_pose[:, :2] == pytest.approx(np.delete(poses(), 5, axis=0)[:, :2], abs=5e-4)
 
 
 def test_each_frame_of_motion_capture_has_a_clamp_of_its_own():
