@@ -138,6 +138,11 @@ def test_by_hand_it_says_what_to_do_and_waits(run, monkeypatch):
     assert f'{BEGINNING.seconds:g} s: {BEGINNING.words}' in err
     assert '  26.0   30.0   0.000   0.000' in err
     assert err.count('Enter') == 2
+    assert 'end_wrench' not in err
+    loaded = next(item for item in experiments() if item.loaded)
+    monkeypatch.setattr(exploration, 'BEGINNING', loaded)
+    monkeypatch.setattr('sys.stdin', io.StringIO())
+    assert 'needs end_wrench' in run('--by-hand', '--output', 'under_load', '--json')[2]
 
 
 def test_a_recording_under_load_without_the_load_is_refused(run, monkeypatch):

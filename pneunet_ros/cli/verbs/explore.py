@@ -272,11 +272,15 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
 
 def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
     """Describe the experiment on stderr, and wait for its recording."""
+    from pneunet_ros.messages.readings import END_WRENCH
+
     ask = partial(print, file=sys.stderr, flush=True)
     ask(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
     ask('  s      kPa    F1 (N)  F2 (N)')
     for seconds, pressure, x, y in safe.corners(experiment).tolist():
         ask(f'  {seconds:5.1f}  {kilopascals(pressure):z5.1f}  {x:6.3f}  {y:6.3f}')
+    if experiment.loaded:
+        ask(f'The recording needs {END_WRENCH.name}: the force at every time.')
     while not path.exists():
         ask(f'Save it as {path}, then press Enter (Ctrl-C quits): ', end='')
         if not sys.stdin.readline():
