@@ -36,7 +36,7 @@ def free_shapes(data: FigureData) -> Picture:
     """Figure 5: shapes and kappa_p0 of the unloaded arm."""
     arm, fit = data.calibration.arm, data.calibration.joint
     figure, (shapes, curvatures) = panels(2)
-    stations = stations_of(arm.length)
+    stations = stations_of(arm.reach)
     fields = predict_states(arm, data.free, stations)
     for steady_state, field in zip(data.free, fields, strict=True):
         draw_shape(shapes, steady_state, field, data.colors(steady_state.pressure))
@@ -73,7 +73,7 @@ def loaded_shapes(data: FigureData) -> Picture | None:
         return None
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
-    stations = stations_of(arm.length)
+    stations = stations_of(arm.reach)
     fields = predict_states(arm, data.main, stations)
     for steady_state, field in zip(data.main, fields, strict=True):
         color = data.colors(steady_state.pressure)
