@@ -124,10 +124,12 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
 def confirms(retimed_fit: Fit, before: Fit) -> bool:
     """Whether correcting the stamps improves the fit as much as a wrong clock predicts.
 
-    With a model error, `camera_clocks` finds clocks that do not improve the fit.
+    With a model error, `camera_clocks` finds clocks that do not improve the fit. The improvement
+    counts in units of the misfit that remains, because a model error has more chances than noise.
     """
     gain = retimed_fit.log_evidence - before.log_evidence * (retimed_fit.dof / before.dof)
-    return retimed_fit.converged and gain > ODDS_AGAINST
+    misfit = max(retimed_fit.chi_squared / retimed_fit.dof, 1.0)
+    return retimed_fit.converged and gain > ODDS_AGAINST * misfit
 
 
 def clock_jacobian(arm: Arm, run: RecordingData, coordinates: int) -> Array:

@@ -89,17 +89,30 @@ class Found:
 
 
 @pytest.mark.parametrize(
-    'gains, lost, corrected',
-    [((20.0, 30.0), 0, 2), ((20.0, 3.0), 0, 1), ((-50.0,), 0, 0), ((20.0,), 2000, 0)],
+    'gains, lost, misfit, corrected',
+    [
+        ((20.0, 30.0), 0, 1.0, 2),
+        ((20.0, 3.0), 0, 1.0, 1),
+        ((-50.0,), 0, 1.0, 0),
+        ((20.0,), 2000, 1.0, 0),
+        ((20.0,), 0, 5.4, 0),
+        ((40.0,), 0, 5.4, 1),
+    ],
 )
 def test_stamps_are_corrected_where_that_makes_the_fit_more_probable(
-    monkeypatch, gains, lost, corrected
+    monkeypatch, gains, lost, misfit, corrected
 ):
     fit, clock = drifting(0, 0.02, -3e-3)
     runs, evidence = [item.run for item in fit.runs], fit.log_evidence
     evidences = np.concatenate([[evidence], evidence + np.cumsum(gains)])
     fits = [
-        replace(fit, log_evidence=float(value), dof=fit.dof - lost * (which > 0), converged=True)
+        replace(
+            fit,
+            log_evidence=float(value),
+            dof=fit.dof - lost * (which > 0),
+            chi_squared=misfit * fit.dof,
+            converged=True,
+        )
         for which, value in enumerate(evidences)
     ]
     monkeypatch.setattr(
