@@ -110,10 +110,10 @@ def run(arguments: Namespace) -> int:
         earlier, before = load_knowledge(arguments.earlier), load_model(arguments.earlier)
         frame = replace(frame, domain=before.domain)
         known = fitted_in(before)
+    check_outputs(arguments)
     check_recordings((*arguments.unloaded, *arguments.loaded, *arguments.motion))
     given = inputs_of((('unloaded', arguments.unloaded), ('loaded', arguments.loaded)))
     check_distinct([*known, *given])
-    check_outputs(arguments)
     with written_together(), verb.progress_bar(shown=not arguments.json) as bar:
         read = read_experiments(
             (arguments.unloaded, arguments.loaded, arguments.motion), frame, arguments, bar
