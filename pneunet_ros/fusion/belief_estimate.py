@@ -122,7 +122,7 @@ def estimate_at(
     estimate = shape_estimate(model, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
         return state.answered(), estimate
-    for odds, other in likely_alternatives(every, state, arm, instant, mode):
+    for odds, other in likely_alternatives(every, state, arm, instant):
         estimate = holding(estimate, other, odds)
     determinable = mode is not Mode.PREDICTION and not model.stiffness_unknown
     contact = contact_at(model, state, arm, used) if determinable else None
@@ -224,15 +224,9 @@ def bent_at(
 
 
 def likely_alternatives(
-    model: PreparedModel,
-    state: FusionState,
-    arm: BelievedArm,
-    instant: PressureInstant,
-    mode: Mode,
+    model: PreparedModel, state: FusionState, arm: BelievedArm, instant: PressureInstant
 ) -> list[tuple[float, Shape]]:
     """Return the alternative shapes, with their odds against the best shape."""
-    if mode is Mode.PREDICTION:
-        return []
     found = []
     for odds, other in zip(odds_relative_to_first(state.bank), state.bank[1:], strict=True):
         shape = other_shape(model, other.belief, instant)

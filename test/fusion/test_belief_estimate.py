@@ -53,9 +53,9 @@ def known(fusion) -> FusionState:
     return replace(state, bank=state.bank[:1])
 
 
-def estimated(fusion: Fusion, state: FusionState) -> FusedEstimate:
+def estimated(fusion: Fusion, state: FusionState, mode: Mode = Mode.FUSED) -> FusedEstimate:
     """Return the estimate at the stamp of the last frame."""
-    _, found = fusion.publish(state, state.pressures[-1], Mode.FUSED, [])
+    _, found = fusion.publish(state, state.pressures[-1], mode, [])
     assert isinstance(found, FusedEstimate)
     return found
 
@@ -70,14 +70,15 @@ def test_at_the_stamp_of_a_frame_the_force_is_that_of_the_belief(fusion, known):
     assert not found.ambiguous
 
 
+@pytest.mark.parametrize('mode', [Mode.FUSED, Mode.PREDICTION])
 @pytest.mark.parametrize('odds', [1.0, 0.1, 1e-3])
-def test_another_hypothesis_widens_the_errors_by_its_odds(fusion, known, odds):
+def test_another_hypothesis_widens_the_errors_by_its_odds(fusion, known, odds, mode):
     tip, apart = fusion.model.unknowns.at(TipForce), np.array([4e-3, -6e-3])
     mean = known.belief.mean.copy()
     mean[tip] += apart
     rival = Hypothesis(belief=replace(known.belief, mean=mean), log_weight=np.log(odds))
     alone, both = (
-        estimated(fusion, replace(known, bank=bank))
+        estimated(fusion, replace(known, bank=bank), mode)
         for bank in (known.bank, (known.bank[0], rival))
     )
     assert both.force == pytest.approx(alone.force)
