@@ -321,7 +321,10 @@ class Fusion:
         """Return pressure and gravity when a frame was taken, or why gravity is unknown."""
         instant = self.pressure_at(state, shown_ns)
         gravity, unknown = self.gravity.at(state.readings.gravity, shown_ns)
-        return (instant if instant.gravity else replace(instant, gravity=gravity)), unknown
+        after_all = not state.pressures or shown_ns > state.pressures[-1].stamp_ns
+        if after_all or instant.gravity is None:  # gravity turns without a pressure too
+            instant = replace(instant, gravity=gravity)
+        return instant, unknown
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
         """Whether the last pressure reading is too old at a stamp."""

@@ -96,6 +96,11 @@ def test_a_frame_alone_needs_gravity_as_a_pressure_does(fusion):
     _, outcomes = run(of, *known)
     found = [one.estimate for one in outcomes if isinstance(one, FusedEstimate)]
     assert found and all(one.gravity == (-1.0, 0.0) for one in found)
+    # After the last pressure, gravity is that of the frame and not of the pressure.
+    upward = replace(imu(1000), x=-STANDARD_GRAVITY)
+    _, outcomes = run(of, upward, pressure(1000), *known[2:])
+    found = [one.estimate for one in outcomes if isinstance(one, FusedEstimate)]
+    assert found and all(one.gravity == (-1.0, 0.0) for one in found)
 
 
 def test_without_gravity_the_history_of_the_arm_goes_on(fusion):
