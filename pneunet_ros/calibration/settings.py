@@ -33,7 +33,6 @@ class SameArmSettings:
         unit='length',
         source='sweep',
     )
-    times_past: float = tuning(3.0, 'difference relative to that by history', source='invented')
     outlier: float = tuning(
         5.0,
         'chi squared per coordinate of an outlier recording',

@@ -51,6 +51,11 @@ class LawSettings:
     fewest_cycles: float = tuning(
         2.5, 'periods in the longest recording, at least', source='invented'
     )
+    fewest_runs: int = tuning(
+        3,
+        'recordings that show a law in time: half of those of which halves test it',
+        source='tried: with 4 six recordings give no law in time, as no half shows one',
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,8 +103,7 @@ class LawConfirmationSettings:
     )
     fewest_runs: int = tuning(
         4,
-        'training recordings that show a law in time, and of which halves test a law; of less a '
-        'name gives way to it',
+        'training recordings of which halves test a law; of less a name gives way to it',
         source='sweep',
     )
 

@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Evidence, log_gains, PerRunColumns, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
-from pneunet_ros.discovery.settings import CONFIRMATION, LAW
+from pneunet_ros.discovery.settings import LAW
 import scipy
 
 CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
@@ -60,7 +60,7 @@ def find_swing(
 
     prior: of the amplitude. A law in time needs several recordings.
     """
-    if ELAPSED not in covariates or len(runs) < CONFIRMATION.fewest_runs:
+    if ELAPSED not in covariates or len(runs) < LAW.fewest_runs:
         return None
     seconds = covariates[ELAPSED].values
     frame_evidence = frames.evidence(runs)
@@ -119,7 +119,7 @@ def find_wandering(
 
     prior: of the amplitude.
     """
-    if not courses or len(runs) < CONFIRMATION.fewest_runs:
+    if not courses or len(runs) < LAW.fewest_runs:
         return None
     priors = prior * np.asarray(LAW.prior_sizes)
     combined = {time: frames.combined(roots) for time, roots in courses.items()}

@@ -212,6 +212,7 @@ def test_a_swing_is_found_with_its_period_whatever_its_phases():
 
 def test_a_swing_takes_three_recordings_and_noise_does_not_swing():
     assert swinging(4, 5.0, 1.0, runs=2) is None
+    assert swinging(4, 5.0, 1.0, runs=3) is not None  # half of the six that test it
     assert sum(swinging(seed, 5.0, 0.0) is not None for seed in range(10, 30)) == 0
 
 
@@ -237,6 +238,8 @@ def test_what_changes_by_itself_without_a_period_is_found(course, size):
     assert 0.5 * size < found.size / np.sqrt(0.45) < 1.6 * size
     assert [factor.shape for factor in found.factors] == [(TIMES.size, 24)] * RUNS
     assert searched(6, amplitude, 2, find_wandering) is None
+    half = searched(6, amplitude, 3, find_wandering)  # of the six that test it
+    assert size < 1.0 or (half is not None and half.left_out_gain > 0.0)
 
 
 def test_noise_does_not_wander():

@@ -16,7 +16,8 @@ from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.linearization import FittedRun
 
-# Frames at one pressure; halved or doubled, they move no figure of acceptance/sweep.py.
+# Halved or doubled, these move no figure of acceptance/sweep.py.
+TIMES_PAST = 3.0  # difference of two arms, relative to that by history
 SAME_PRESSURE = 0.01  # of the largest
 ANOTHER_TIME = 0.2  # of a recording: frames so far apart show the history of the arm
 FEWEST_PAIRS = 5  # of frames at one pressure
@@ -36,7 +37,7 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     known = [item for item in self_distances if item is not None]
     limit = 2.0 * CONSISTENCY.two_arms * length
     if known:
-        limit = max(CONSISTENCY.two_arms * length, CONSISTENCY.times_past * max(known))
+        limit = max(CONSISTENCY.two_arms * length, TIMES_PAST * max(known))
     for one, other in itertools.combinations(unloaded, 2):
         distance = tip_distance(one, other, top)
         if distance is not None and distance > limit:
