@@ -335,7 +335,7 @@ def shape_estimate(
             'too_uncertain',
             f'the tip uncertainty is {known}, but largest_tip_std allows only '
             f'{1000.0 * model.settings.largest_tip_std:.3g} mm'
-            + (': no target was visible recently' if mode is Mode.PREDICTION else ''),
+            + (': no frame of targets was used recently' if mode is Mode.PREDICTION else ''),
             awaits_others=True,
         )
     return estimate_of(

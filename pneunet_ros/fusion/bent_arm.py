@@ -63,8 +63,8 @@ def bend_arm(
 ) -> BentArm:
     """Solve the rod under the readings, with changes (causes,) by the unknowns.
 
-    quick: whether to give up early if no solution is near. contact: a force along the normal of
-    the arm.
+    quick: whether to give up early if no solution is near the start. contact: a force along the
+    normal of the arm.
     """
     force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
     pressure = inputs.chamber + error
@@ -80,6 +80,7 @@ def bend_arm(
     amounts[0] = 0.0  # the record already includes the pressure
     rods = perturbation.moved(rods, amounts)
     pushed = rods if contact is None else with_part_load(rods, contact)
+    quick = quick and start is not None
     shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)
     return BentArm(rods=rods, changes=perturbation, shape=shape, contact=contact)
 

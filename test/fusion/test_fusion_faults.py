@@ -158,6 +158,14 @@ def test_a_rival_without_the_pressure_that_leads_after_a_wait_is_not_an_error(fu
     assert all(one.unpressed for one in lonely)
 
 
+def test_the_first_frame_of_an_arm_of_negative_rigidity_is_used(fusion):
+    law = fusion.arm.moment_law
+    soft = replace(fusion.arm, moment_law=replace(law, rigidity=-np.array(law.rigidity)))
+    of = Fusion(arm=soft)
+    state, _ = run(of, pressure(1000), frame(of, 1000))
+    assert (state.counts.frames, dict(state.counts.unused)) == (1, {})
+
+
 def test_a_frame_stamped_ahead_costs_none_that_follow(fusion):
     late = Fusion(arm=replace(fusion.arm, effects=(CameraDelay(delay=0.15),)))
     events = []
