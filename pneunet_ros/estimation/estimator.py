@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 import math
 
+import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal, refuse
 from pneunet_ros.core.readings import BaseReading, PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import seconds_between, seconds_since
-from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.estimation.base_gravity import GravitySource
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
@@ -25,7 +26,7 @@ from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolatio
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
 from pneunet_ros.measurement.meaning.wrench_judge import load_hint
-from pneunet_ros.measurement.moving_arm import MovingArm, Places, places_along
+from pneunet_ros.measurement.moving_arm import MovingArm, MovingState, Places, places_along
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (
@@ -34,7 +35,8 @@ from pneunet_ros.model.equilibrium import (
     solve_rod,
     station_arclength,
 )
-from pneunet_ros.model.perturbation import PerturbationTable
+from pneunet_ros.model.perturbation import gravity_of, PerturbationTable
+from pneunet_ros.model.vibration import links_at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,7 +114,11 @@ class Estimator:
         sentence = wrong_frame(self.settings, reading)
         if sentence:
             return state, refuse(reading.stamp_ns, 'wrong_frame', sentence)
-        return state.with_wrench(base_wrench(self.settings, reading)), None
+        keep = bool(state.passed) and self.settings.wrench_required
+        if keep and state.moving is not None:
+            elapsed = seconds_between(state.moving.stamp_ns, reading.stamp_ns)
+            keep = elapsed <= self.settings.input_timeout
+        return state.with_wrench(base_wrench(self.settings, reading), keep), None
 
     def take_pressure(
         self, state: EstimatorState, reading: PressureReading, note: str
@@ -170,7 +176,12 @@ class Estimator:
         if self.moving is not None and self.places is not None:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
             moving, motion, shape, errors = self.moving.step(
-                state.moving, reading.stamp_ns, shape, errors, by_reading, self.places
+                self.passed_loads(state, reading.stamp_ns, sensed, chamber, history),
+                reading.stamp_ns,
+                shape,
+                errors,
+                by_reading,
+                self.places,
             )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,
@@ -186,6 +197,40 @@ class Estimator:
             notes=[*notes, *([off_plane.note] if off_plane.warns else [])],
         )
         return state.with_estimate(reading.stamp_ns, history, solution, moving), estimate
+
+    def passed_loads(
+        self,
+        state: EstimatorState,
+        stamp_ns: int,
+        sensed: Load,
+        chamber: float,
+        history: tuple[History, ...],
+    ) -> MovingState | None:
+        """Return the motion after the end wrenches read since the last estimate.
+
+        sensed: the readings at the stamp, with chamber pressure (Pa) and history. A gap of more
+        than input_timeout, or with a load without equilibrium, is passed in one step.
+        """
+        moving, solution = state.moving, state.solution
+        if self.moving is None or moving is None or not state.passed:
+            return moving
+        between = [one for one in state.passed[1:] if moving.stamp_ns < one.stamp_ns < stamp_ns]
+        gap = seconds_between(moving.stamp_ns, stamp_ns)
+        if not between or gap > self.settings.input_timeout:
+            return moving
+        loaded = []
+        for wrench in (state.passed[0], *between):
+            read = replace(
+                sensed, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment
+            )
+            load = self.arm.sense(read)
+            rods = self.arm.rods(np.array([chamber]), history, load.row, gravity_of(load, count=1))
+            shape = solve_rod(self.arm, rods, load, solution, self.arclength, quick=True)
+            solution = shape.solution
+            if solution is None:
+                return moving
+            loaded.append((wrench.stamp_ns, links_at(solution)))
+        return self.moving.pass_loads(moving, stamp_ns, loaded)
 
     def forbidden(
         self,

@@ -28,8 +28,8 @@ class EstimatorState:
     history_ns: stamp of the last pressure reading in the history, without impossible readings;
     moving: motion of the arm, if the model has `motion`; before: the state before a pressure
     reading that follows a gap of more than a second, kept until the next reading shows whether its
-    stamp was right; watch: check of the declared meaning of pressure readings; gravity: direction
-    of gravity.
+    stamp was right; passed: the end wrench of the last estimate of a moving arm, and those since;
+    watch: check of the declared meaning of pressure readings; gravity: direction of gravity.
     """
 
     pressure_stamp_ns: int | None = None
@@ -38,6 +38,7 @@ class EstimatorState:
     history: tuple[History, ...] | None = None
     solution: SolverNodes | None = None
     moving: MovingState | None = None
+    passed: tuple[WrenchReading, ...] = ()
     estimates: int = 0
     resets: int = 0
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
@@ -45,8 +46,8 @@ class EstimatorState:
     watch: PressureWatch = field(default_factory=PressureWatch)
     gravity: BaseGravity = field(default_factory=BaseGravity)
 
-    def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
-        """Return the state after an end wrench in the base frame."""
+    def with_wrench(self, wrench: WrenchReading, keep: bool = False) -> EstimatorState:
+        """Return the state after an end wrench in the base frame; keep: for the motion."""
         return EstimatorState(
             pressure_stamp_ns=self.pressure_stamp_ns,
             history_ns=self.history_ns,
@@ -54,6 +55,7 @@ class EstimatorState:
             history=self.history,
             solution=self.solution,
             moving=self.moving,
+            passed=(*self.passed, wrench) if keep else self.passed,
             estimates=self.estimates,
             resets=self.resets,
             rejected=self.rejected,
@@ -70,6 +72,7 @@ class EstimatorState:
             wrench=self.wrench,
             history=history,
             moving=self.moving,
+            passed=self.passed,
             estimates=self.estimates,
             resets=self.resets,
             rejected=self.rejected,
@@ -89,6 +92,7 @@ class EstimatorState:
             history=self.history,
             solution=self.solution,
             moving=self.moving,
+            passed=self.passed,
             estimates=self.estimates,
             resets=self.resets,
             rejected=self.rejected,
@@ -116,6 +120,7 @@ class EstimatorState:
             history=history,
             solution=solution,
             moving=moving,
+            passed=() if moving is None or self.wrench is None else (self.wrench,),
             estimates=self.estimates + 1,
             resets=self.resets,
             rejected=self.rejected,
@@ -199,5 +204,6 @@ def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
         history=before.history,
         solution=before.solution,
         moving=before.moving,
+        passed=before.passed,
         before=None,
     ).count_rejected(AHEAD)

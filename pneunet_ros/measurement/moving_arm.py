@@ -6,6 +6,7 @@ with mass and damping. The arm is assumed to be at rest at the first reading.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import functools
 import math
@@ -199,6 +200,29 @@ class MovingArm:
                 size = np.maximum(0.5 * (first[0] + first[1]), np.finfo(float).tiny)
                 found.append(((first[1] - first[0]) / size / distance).tolist())
         return freeze(np.sqrt(np.sum(np.square(found), axis=0)))
+
+    def pass_loads(
+        self, state: MovingState, stamp_ns: int, loaded: Sequence[tuple[int, Links]]
+    ) -> MovingState:
+        """Advance through the loads read between a state and a stamp.
+
+        loaded: stamps (ns) of loads and the equilibria under them at the stamp, of which the first
+        load acts at the state. All but the load changes linearly from the state to the stamp.
+        """
+        assert self.arm.inertia is not None
+        damping_time, duration_ns = self.arm.inertia.damping_time, stamp_ns - state.stamp_ns
+        start, first = state.links, loaded[0][1]
+        for passed_ns, there in loaded[1:]:
+            share = (stamp_ns - passed_ns) / duration_ns
+            links = Links(
+                heading=there.heading + share * (start.heading - first.heading),
+                length=there.length + share * (start.length - first.length),
+                compliance=there.compliance + share * (start.compliance - first.compliance),
+                force=there.force + share * (start.force - first.force),
+                offset=there.offset,
+            )
+            state = go_between(state, passed_ns, links, self.masses, damping_time, self.modes)
+        return state
 
     def step(
         self,

@@ -26,6 +26,7 @@ from pneunet_ros.model.domain_position import LOAD_BEYOND, LOADS_UNKNOWN, PRESSU
 from pneunet_ros.model.equilibrium import tip_jacobian
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from support.example_arms import TABLE_1, WIDE
@@ -826,6 +827,26 @@ def column_estimator() -> Estimator:
         domain=None,
     )
     return estimator_with(arm)
+
+
+def test_a_moving_arm_feels_the_wrenches_between_its_pressures():
+    arm = replace(load_model(share_path('config/lab_arm.yaml')), motion=Motion(damping_time=0.02))
+    estimator = estimator_with(arm)
+    often = rarely = EstimatorState()
+    for step in range(61):
+        at = 1.0 + 0.01 * step
+        force = wrench(at, (0.03, 0.08 if 33 <= step < 39 else 0.03), 0.0)
+        often, _ = estimator.step(often, force)
+        often, fine = estimator.step(often, pressure(at))
+        rarely, _ = estimator.step(rarely, force)
+        if step % 20 == 0:
+            rarely, coarse = estimator.step(rarely, pressure(at))
+        if step == 40:
+            tips = [np.array(one.shape.tip[:2]) for one in (fine, coarse)]
+    at_rest = np.array(solve(arm, PRESSURE, (0.03, 0.03)).tip[:2])
+    assert np.linalg.norm(tips[0] - at_rest) > 0.01  # it swings
+    np.testing.assert_allclose(tips[1], tips[0], atol=5e-4)
+    assert not coarse.motion.settled
 
 
 def test_a_buckled_arm_stays_on_its_side():
