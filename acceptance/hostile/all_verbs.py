@@ -302,7 +302,7 @@ def odd_knowledge(place: Place) -> Case:
     path = place.take('known.knowledge.npz')
     if place.dice.random() < 0.95:
         change_arrays(path, place.dice)
-    words = ('calibrate', '--unloaded', place.take('free.mcap'), '--no-compare')
+    words = ('calibrate', '--unloaded', place.take('more.mcap'), '--no-compare')
     output = place.output('o.yaml')
     place.output('o.knowledge.npz')
     known = place.folder / 'known.yaml'

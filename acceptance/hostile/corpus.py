@@ -117,6 +117,8 @@ def _calibrated(whole: Path) -> None:
     text = SCENARIO.replace('kind: random_mix, duration: 2.0, rest: 0.2, ramp: 0.1', FREE)
     (whole / 'free.yaml').write_text(text)
     _run('simulate', whole / 'free.yaml', '--output', whole / 'free.mcap')
+    (whole / 'more.yaml').write_text(text.replace('seed: 3', 'seed: 5'))
+    _run('simulate', whole / 'more.yaml', '--output', whole / 'more.mcap')
     sizes = '--length 0.112 --weight 0.17 --pressure 60kPa --dot 3mm --places 0 0.05 0.11'
     _run('new-arm', *sizes.split(), '--no-template', '--output', whole / 'arm.yaml')
     words = ('calibrate', '--unloaded', whole / 'free.mcap', '--arm', whole / 'arm.yaml')
