@@ -46,6 +46,8 @@ SMALLEST = 1e-9  # smallest estimated standard deviation
 FEWEST_TARGETS = 8  # for a placement
 FREEDOM = 3  # targets in excess of the coefficients of the polynomial, at least
 FEWEST_LEVELS = 12  # of readings in visible steps
+# Halved or doubled, this moves no figure of acceptance/sweep.py.
+CORRELATED = 0.3  # neighboring targets at rest, from which their noise counts as common
 REPEATS = 0.2  # share of readings in steps that repeat the last one
 OFF_GRID = 0.1  # of a step: decimals are rounded
 ON_GRID = 0.9  # share of the levels
@@ -383,7 +385,7 @@ def correlation_at_rest(runs: Sequence[RecordingData], pressure_std: float) -> t
         return 1.0, 0.0
     lags = range(1, errors.shape[1] // 2)
     correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) for k in lags]
-    if correlation[0] < NOISE_ESTIMATE.correlated:
+    if correlation[0] < CORRELATED:
         return 1.0, correlation[0]
     positive = itertools.takewhile(lambda value: value > 0.0, correlation)
     return 1.0 + 2.0 * sum(positive), correlation[0]

@@ -117,11 +117,6 @@ class NoiseEstimateSettings:
     differs: float = tuning(
         2.5, 'ratio to the stated noise from which a difference is reported', source='sweep'
     )
-    correlated: float = tuning(
-        0.3,
-        'correlation of neighboring targets at rest that counts as common noise',
-        source='invented',
-    )
     heading: float = tuning(
         0.02, 'std of a measured heading, if not estimated', unit='rad', source='sweep'
     )

@@ -174,7 +174,7 @@ class ConfirmationSettings:
         source='blind trials: 1 of 97 names, and one more (docs/diagnosis.md)',
     )
     unconfirmed: float = tuning(
-        0.1, 'the same, where a part of it could not be tested', source='invented'
+        0.1, 'the same, where a part of it could not be tested', source='sweep'
     )
 
 
