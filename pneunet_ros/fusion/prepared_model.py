@@ -22,6 +22,7 @@ from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.motion import Motion
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
@@ -97,6 +98,7 @@ class PreparedModel:
                 moving=moving,
                 where=where,
                 tip=unknowns.at(TipForce),
+                pressure=unknowns.at(PressureError).start,
                 start=unknowns.std[where][Motion.SWING],
                 stations=places_along(self.arm.reach, stations),
                 targets=places_along(self.arm.reach, self.arm.target_arclength),

@@ -131,17 +131,22 @@ def path_of(
     way = instant.chamber - chamber
     shares = [(one.chamber - chamber) / way for one in between] if abs(way) > 0.0 else []
     if not shares or not all(0.0 <= share <= 1.0 for share in shares):
-        if not pulls:
-            return []
         duration_ns = instant.stamp_ns - since_ns
         shares = [(stamp_ns - since_ns) / duration_ns for stamp_ns in stamps]
-    if not pulls:
-        return [EquilibriumBetween(*one) for one in zip(stamps, shares, strict=True)]
-    first, *force, last = forces_at(pulls, [since_ns, *stamps, instant.stamp_ns])
-    return [
-        EquilibriumBetween(stamp_ns, share, pulled - first - share * (last - first))
-        for stamp_ns, share, pulled in zip(stamps, shares, force, strict=True)
-    ]
+    deviations = [0.0] * len(between)
+    if math.isfinite(way):
+        lines = (chamber + share * way for share in shares)
+        deviations = [one.chamber - line for one, line in zip(between, lines, strict=True)]
+    beyond: list[Array | None] = [None] * len(between)
+    if pulls:
+        first, *force, last = forces_at(pulls, [since_ns, *stamps, instant.stamp_ns])
+        beyond = [
+            pulled - first - share * (last - first)
+            for share, pulled in zip(shares, force, strict=True)
+        ]
+    elif not abs(way) > 0.0 and not any(deviations):
+        return []
+    return list(map(EquilibriumBetween, stamps, shares, beyond, deviations))
 
 
 def forces_at(pulls: tuple[WrenchReading, ...], stamps: list[int]) -> Array:

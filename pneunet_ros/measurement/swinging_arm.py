@@ -53,13 +53,14 @@ Q_ROWS, P_ROWS = slice(0, Motion.SHAPES), slice(Motion.SHAPES, 2 * Motion.SHAPES
 class EquilibriumBetween(NamedTuple):
     """The equilibrium between two stamps.
 
-    share: fraction of the interval; force_deviation (2,) N: deviation of the tip force from linear
-    interpolation.
+    share: fraction of the interval; force_deviation (2,) N, chamber_deviation (Pa): deviations of
+    tip force and pressure from linear interpolation.
     """
 
     stamp_ns: int
     share: float
     force_deviation: Array | None = None
+    chamber_deviation: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,14 +148,16 @@ class SwingDeviation:
 class SwingingArm:
     """A moving arm, and the slice of its unknowns in the state vector.
 
-    where: slice of `Motion`; tip: slice of the tip force. start (4,): one sigma of coordinates and
-    momenta of an arm before its first frame; stations, targets: along the arm. middles (links,) m:
-    centers of its links; next_shapes (shapes, links): their rotations.
+    where: slice of `Motion`; tip: slice of the tip force; pressure: index of its error. start
+    (4,): one sigma of coordinates and momenta of an arm before its first frame; stations, targets:
+    along the arm. middles (links,) m: centers of its links; next_shapes (shapes, links): their
+    rotations.
     """
 
     moving: MovingArm
     where: slice
     tip: slice
+    pressure: int
     start: Array
     stations: Places
     targets: Places
@@ -264,9 +267,10 @@ class SwingingArm:
             end_links = links_at(solution) if path else start_links
             for passed in path:
                 links_there = between(start_links, end_links, passed.share)
+                rotation = previous.turning[:, self.pressure] * passed.chamber_deviation
                 if passed.force_deviation is not None:
-                    rotation = previous.turning[:, self.tip] @ passed.force_deviation
-                    links_there = links_there._replace(heading=links_there.heading + rotation)
+                    rotation = rotation + previous.turning[:, self.tip] @ passed.force_deviation
+                links_there = links_there._replace(heading=links_there.heading + rotation)
                 state = go_between(
                     state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
                 )

@@ -9,10 +9,11 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
+from pneunet_ros.fusion.belief import first_belief
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.readings import path_of, PressureInstant
 from pneunet_ros.measurement.blocks.motion import Motion as Block
-from pneunet_ros.measurement.moving_arm import go_between, MovingState, rates_about
+from pneunet_ros.measurement.moving_arm import follow_reading, go_between, MovingState, rates_about
 from pneunet_ros.measurement.swinging_arm import ERRORS, Reference
 from pneunet_ros.model.equilibrium import linearize_shape
 from pneunet_ros.model.motion import Motion
@@ -162,6 +163,29 @@ def test_a_force_that_is_read_goes_its_way_where_the_pressure_is_there_again():
     path = path_of(still, (pull,), 0, 2e4, pressed(4, 2e4))
     assert [one.share for one in path] == [0.25, 0.5]
     assert not np.array([one.force_deviation for one in path]).any()
+
+
+def test_a_pressure_that_returns_between_two_stamps_moves_the_arm():
+    chain, arm = swinging()
+    moving, most, half_ns = chain.moving, 4e3, 20_000_000
+    path = path_of(
+        (pressed(half_ns, PRESSURE + most),), (), 0, PRESSURE, pressed(2 * half_ns, PRESSURE)
+    )
+    known = first_belief(Fusion(arm=arm).model.unknowns, 0)
+    solution = solve(arm, PRESSURE).solution
+    links = links_at(solution)
+    bent = links_at(solve(arm, PRESSURE + most).solution)
+    turning = np.zeros((LINKS, known.mean.size))
+    turning[:, chain.pressure] = (bent.heading - links.heading) / most
+    reference = replace(reference_at(solution, known.mean), turning=turning)
+    _, _, told = chain.advance((known, reference, 0), known, solution, 2 * half_ns, path)
+    there = MovingState(stamp_ns=0, links=links, swing=at_rest(2), turned=np.zeros(LINKS))
+    there = go_between(there, half_ns, bent, moving.masses, DAMPING_TIME, moving.modes)
+    _, true = follow_reading(
+        there, 2 * half_ns, solution.for_kernels(), moving.masses, DAMPING_TIME, moving.modes
+    )
+    assert np.hypot(*true.at_nodes[:2, -1]) > 1e-4  # m
+    assert told.at_nodes[:2, -1] == pytest.approx(true.at_nodes[:2, -1], rel=0.02)
 
 
 def pressed(stamp_ns: int, chamber: float) -> PressureInstant:
