@@ -27,7 +27,8 @@ class ShapeEstimate:
 
     noise (sources, causes): noise input matrix; curved: second-order effects, including the
     linearization. Covariance and standard deviations follow from both, which are kept to avoid
-    linearizing again. noise excludes the additional model error outside the domain. motion: of the
+    linearizing again. noise excludes the age of the wrench and
+    the additional model error outside the domain. motion: of the
     arm, None if the model has no `motion`; with motion, shape and standard deviations are those of
     the moving arm, but jacobian, noise and curved are those of its equilibrium.
     """
@@ -56,7 +57,7 @@ class ShapeEstimate:
         """
         if self.curved is None or self.noise is None or self.position is None:
             return self.curved
-        if not any(self.position.error):
+        if not any(self.position.error) and not self.wrench_age:
             return self.curved
         errors = propagate_errors(self.curved.sensitivity, self.noise, self.shape.arclength[-1:])
         return self.curved if errors is None else errors.second_order

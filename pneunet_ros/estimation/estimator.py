@@ -22,6 +22,7 @@ from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
+from pneunet_ros.measurement.errors.age_error import with_age_error
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
@@ -162,8 +163,9 @@ class Estimator:
             return state.with_reading(reading.stamp_ns, history), refusal
         sensitivity = linearize_shape(solution, rods, changes)
         noise = noise_jacobian(self.table, sensed, self.reading_std(reading))
+        aged = self.with_age_error(state, noise, sensed, age)
         errors = propagate_errors(
-            sensitivity, with_extrapolation_error(noise, position), self.arclength
+            sensitivity, with_extrapolation_error(aged, position), self.arclength
         )
         if errors is None:
             sentence = (
@@ -220,10 +222,7 @@ class Estimator:
             return moving
         loaded = []
         for wrench in (state.passed[0], *between):
-            read = replace(
-                sensed, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment
-            )
-            load = self.arm.sense(read)
+            load = self.arm.sense(with_wrench(sensed, wrench))
             rods = self.arm.rods(np.array([chamber]), history, load.row, gravity_of(load, count=1))
             shape = solve_rod(self.arm, rods, load, solution, self.arclength, quick=True)
             solution = shape.solution
@@ -231,6 +230,19 @@ class Estimator:
                 return moving
             loaded.append((wrench.stamp_ns, links_at(solution)))
         return self.moving.pass_loads(moving, stamp_ns, loaded)
+
+    def with_age_error(
+        self, state: EstimatorState, noise: Array, sensed: Load, age: float | None
+    ) -> Array:
+        """Return the noise input matrix with the error of an end wrench of this age (s)."""
+        last, earlier = state.wrench, state.earlier
+        if not age or age < 0.0 or last is None or earlier is None:
+            return noise
+        between = seconds_since(earlier.stamp_ns, last.stamp_ns)
+        if not between > 0.0:
+            return noise
+        now, before = (self.arm.sense(with_wrench(sensed, one)).row[0] for one in (last, earlier))
+        return with_age_error(noise, now - before, age / between)
 
     def forbidden(
         self,
@@ -291,3 +303,8 @@ class Estimator:
             f'wrench_timeout = {self.settings.wrench_timeout:.3g} s'
         )
         return state.wrench, age, refuse(stamp_ns, 'stale_wrench', sentence)
+
+
+def with_wrench(load: Load, wrench: WrenchReading) -> Load:
+    """Return a load with another end wrench."""
+    return replace(load, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment)

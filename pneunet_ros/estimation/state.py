@@ -26,15 +26,17 @@ class EstimatorState:
     """State of an estimator between readings.
 
     history_ns: stamp of the last pressure reading in the history, without impossible readings;
-    moving: motion of the arm, if the model has `motion`; before: the state before a pressure
-    reading that follows a gap of more than a second, kept until the next reading shows whether its
-    stamp was right; passed: the end wrench of the last estimate of a moving arm, and those since;
-    watch: check of the declared meaning of pressure readings; gravity: direction of gravity.
+    earlier: the end wrench before the last; moving: motion of the arm, if the model has `motion`;
+    passed: the end wrench of the last estimate of a moving arm, and those since; before: the state
+    before a pressure reading that follows a gap of more than a second, kept until the next reading
+    shows whether its stamp was right; watch: check of the declared meaning of pressure readings;
+    gravity: direction of gravity.
     """
 
     pressure_stamp_ns: int | None = None
     history_ns: int | None = None
     wrench: WrenchReading | None = None
+    earlier: WrenchReading | None = None
     history: tuple[History, ...] | None = None
     solution: SolverNodes | None = None
     moving: MovingState | None = None
@@ -52,6 +54,7 @@ class EstimatorState:
             pressure_stamp_ns=self.pressure_stamp_ns,
             history_ns=self.history_ns,
             wrench=wrench,
+            earlier=self.wrench,
             history=self.history,
             solution=self.solution,
             moving=self.moving,
@@ -70,6 +73,7 @@ class EstimatorState:
             pressure_stamp_ns=stamp_ns,
             history_ns=stamp_ns,
             wrench=self.wrench,
+            earlier=self.earlier,
             history=history,
             moving=self.moving,
             passed=self.passed,
@@ -89,6 +93,7 @@ class EstimatorState:
             pressure_stamp_ns=self.pressure_stamp_ns,
             history_ns=self.history_ns,
             wrench=self.wrench,
+            earlier=self.earlier,
             history=self.history,
             solution=self.solution,
             moving=self.moving,
@@ -117,6 +122,7 @@ class EstimatorState:
             pressure_stamp_ns=stamp_ns,
             history_ns=stamp_ns,
             wrench=self.wrench,
+            earlier=self.earlier,
             history=history,
             solution=solution,
             moving=moving,

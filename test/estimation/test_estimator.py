@@ -829,6 +829,21 @@ def column_estimator() -> Estimator:
     return estimator_with(arm)
 
 
+def test_a_wrench_that_changes_is_the_less_sure_the_older_it_is():
+    estimator = estimator_with(load_model(share_path('config/lab_arm.yaml')))
+    loads = {at: (0.03, 0.3 * (at - 1.0)) for at in (1.0, 1.1, 1.15)}
+    readings = [wrench(1.0, loads[1.0], 0.0), wrench(1.1, loads[1.1], 0.0)]
+    old = last(estimator, *readings, pressure(1.15))
+    true = last(estimator, *readings, wrench(1.15, loads[1.15], 0.0), pressure(1.15))
+    error = np.subtract(old.shape.tip[:2], true.shape.tip[:2])
+    size = error @ np.linalg.solve(old.tip_covariance[:2, :2], error)
+    assert 0.5 < size < 2.0  # one sigma, of a load that goes on as before
+    assert error @ np.linalg.solve(true.tip_covariance[:2, :2], error) > 50.0
+    at_rest = [wrench(at, loads[1.1], 0.0) for at in (1.0, 1.1, 1.15)]
+    rested = [last(estimator, *at_rest[:number], pressure(1.15)) for number in (2, 3)]
+    np.testing.assert_array_equal(rested[0].tip_covariance, rested[1].tip_covariance)
+
+
 def test_a_moving_arm_feels_the_wrenches_between_its_pressures():
     arm = replace(load_model(share_path('config/lab_arm.yaml')), motion=Motion(damping_time=0.02))
     estimator = estimator_with(arm)
