@@ -278,16 +278,23 @@ def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
     """Return runs thinned to at most this many frames in total.
 
     An hour of film shows the same shapes many times, mostly of an arm at rest. Half of the frames
-    are shared by length, half equally: a short recording beside it shows what it does not.
+    are shared by length, half equally: a short recording beside it shows what it does not. What
+    it does not use of its share is shared among the others.
     """
-    frames = sum(len(run.stamp_ns) for run in runs)
-    if frames <= most:
+    lengths = np.array([len(run.stamp_ns) for run in runs])
+    if lengths.sum() <= most:
         return [*runs]
-    equal = most / len(runs)
-    shares = [int(0.5 * (most * len(run.stamp_ns) / frames + equal)) for run in runs]
+    shares, whole = lengths.copy(), np.zeros(len(runs), dtype=np.bool_)
+    while True:
+        left, of_others = most - int(lengths[whole].sum()), lengths[~whole]
+        shares[~whole] = 0.5 * left * (of_others / of_others.sum() + 1.0 / len(of_others))
+        if (whole == (shares >= lengths)).all():
+            break
+        whole |= shares >= lengths
+        shares[whole] = lengths[whole]
     return [
-        run if share >= len(run.stamp_ns) else thinned_by_course(run, max(share, 1))
-        for run, share in zip(runs, shares, strict=True)
+        run if share >= length else thinned_by_course(run, max(share, 1))
+        for run, share, length in zip(runs, shares.tolist(), lengths.tolist(), strict=True)
     ]
 
 
