@@ -173,12 +173,25 @@ def base_of(other: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings
 def is_in_other_frame(
     run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME
 ) -> bool:
-    """Whether the tip poses are in another frame, whose position no target determines."""
+    """Whether the tip poses are in another frame, whose position no target determines.
+
+    If only some are out of reach, they are in another frame if most of these are within the reach
+    of the clamp that the others show; otherwise they are strays.
+    """
     if run.tip_pose is None or run.seen.any():
         return False
-    beyond = int(np.count_nonzero(out_of_reach(run, arm, settings)))
-    poses = int(np.count_nonzero(np.isfinite(run.tip_pose[:, 0])))
-    return run.tip_frame != BASE_FRAME or 2 * beyond > poses
+    beyond = out_of_reach(run, arm, settings)
+    if run.tip_frame != BASE_FRAME or not beyond.any():
+        return run.tip_frame != BASE_FRAME
+    within = run.tip_pose[~beyond & np.isfinite(run.tip_pose[:, 0])]
+    if np.count_nonzero(beyond) > len(within):
+        return True
+    shown = find_base(within, arm, settings)
+    if shown is None:
+        return False
+    x, y = run.tip_pose[beyond, :2].T
+    reached = np.hypot(x - shown.x, y - shown.y) <= settings.out_of_reach * arm.reach
+    return 2 * int(np.count_nonzero(reached)) > len(reached)
 
 
 def out_of_reach(

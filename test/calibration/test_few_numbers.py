@@ -220,6 +220,14 @@ def test_one_stray_pose_moves_no_other(distance):
     assert reasons(notes) == ['out_of_reach']
 
 
+@pytest.mark.parametrize('place', [(-0.05, 0.075, 0.0), (0.05, -0.025, 1.0)])
+def test_poses_of_another_frame_are_moved_if_only_some_are_out_of_reach(place):
+    """Of 28 poses, 12 and 4 were left out as strays, and the others kept where they were."""
+    (same,), notes = in_base_frame([recorded(moved(poses(), *place))], ARM)
+    assert reasons(notes) == ['base_found']
+    assert same.tip_pose[:, :2] == pytest.approx(poses()[:, :2], abs=5e-4)
+
+
 def test_one_stray_pose_hides_no_clamp():
     pose = moved(poses(), 1.2, -0.4, 0.7)
     pose[5, :2] = 3.0, 0.0
