@@ -150,8 +150,8 @@ def side_of_play(run: RecordingData, width: float) -> Array:
 
 
 def elapsed(run: RecordingData) -> Array:
-    """Return seconds since the first reading at the frames; static frames have no time."""
+    """Return seconds since the first frame; static frames have no time."""
     if run.static:
         return np.zeros(len(run.stamp_ns))
-    seconds: Array = (run.stamp_ns - run.reading_stamp_ns[0]) / NANOSECONDS_PER_SECOND
+    seconds: Array = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
     return seconds

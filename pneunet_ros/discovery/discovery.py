@@ -579,7 +579,7 @@ def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries,
             AmplitudeSeries(
                 recording=run.name,
                 unit=kind.unit,
-                seconds=np.asarray((run.stamp_ns - run.reading_stamp_ns[0]) / 1e9),
+                seconds=np.asarray((run.stamp_ns - run.stamp_ns[0]) / 1e9),
                 value=value[run_frames],
                 std=std[run_frames],
                 law=law[run_frames],

@@ -40,6 +40,7 @@ from pneunet_ros.solver.frame_series import (
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, SOLVER, TURNED
 
+LEAST_SHARE = 2.0**-6  # of a step of Newton's method, before it is given up
 LOAD_STEP = 1e-4  # of weight and length: difference step where effects depend on the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
@@ -110,19 +111,26 @@ class ForwardModel:
         if not np.isfinite(self.heading).all():
             self.solve_on_mesh(arm, rods, loads)
             self.heading = np.nan_to_num(self.headings)
-        least, none = np.full(len(loads), np.inf), np.zeros((0, 2), dtype=np.int64)
+        none = np.zeros((0, 2), dtype=np.int64)
+        best, turn = self.heading.copy(), np.zeros_like(self.heading)
+        least, share = np.full(len(loads), np.inf), np.ones(len(loads))
         while True:
             self.solve_on_mesh(arm, rods.pointed(self.heading), loads)
             missed = np.where(self.solved[:, None], self.headings - self.heading, np.inf)
             most = np.abs(missed).max(axis=1)
-            searched = (most > TURNED) & (most < least)
-            if not searched.any():
+            better = most < least
+            best[better], least[better], share[better] = self.heading[better], most[better], 1.0
+            searched = better & (most > TURNED)
+            back = ~better & (least > TURNED) & (least < np.inf) & (share > LEAST_SHARE)
+            if not (searched | back).any():
                 break
-            least = most
-            _, by_heading = self.linearized(rods, loads, none, rods.rotation[:0])
-            implicit = self.implicit(by_heading)[searched]
-            turn = np.linalg.solve(implicit, missed[searched][..., None])
-            self.heading[searched] += turn[..., 0]
+            if searched.any():
+                _, by_heading = self.linearized(rods, loads, none, rods.rotation[:0])
+                implicit = self.implicit(by_heading)[searched]
+                turn[searched] = np.linalg.solve(implicit, missed[searched][..., None])[..., 0]
+            share[back] *= 0.5
+            moved = searched | back
+            self.heading[moved] = best[moved] + share[moved, None] * turn[moved]
         self.solved &= most <= TURNED
         self.every_field[~self.solved] = np.nan
 

@@ -82,7 +82,7 @@ def fitted_in(arm: Arm) -> list[dict[str, str]]:
         for item in (recordings if isinstance(recordings, Sequence) else ())
         if isinstance(item, Mapping)
         and item.keys() >= {'file', 'sha256', 'role'}
-        and item['role'] != 'motion'
+        and item['role'] not in ('motion', 'left out')
     ]
 
 

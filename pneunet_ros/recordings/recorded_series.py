@@ -104,14 +104,17 @@ def without_other_arms(
 ) -> tuple[str, ...]:
     """Return the candidates but those of other arms.
 
-    A topic that is named where there are several means one arm: its namespace, not theirs.
+    A topic that is named where there are several means one arm: its namespace, not theirs. A
+    namespace with nothing else in it is that of a sensor, such as a valve.
     """
     types = {topic.name: topic.type for topic in recording.topics}
     for name, topic in overrides.items():
         rivals = recording.candidates(name, types.get(topic, ''))
-        if topic in rivals:  # else its name does not tell arms apart
-            own = topic.removesuffix(name)
-            others = tuple(one.removesuffix(name) for one in rivals if one != topic)
+        own = topic.removesuffix(name)
+        is_arm = any(one.startswith(own) and one not in rivals for one in types)
+        if topic in rivals and is_arm:
+            spaces = [one.removesuffix(name) for one in rivals if one != topic]
+            others = tuple(one for one in spaces if not own.startswith(one))
             candidates = [
                 one for one in candidates if one.startswith(own) or not one.startswith(others)
             ]

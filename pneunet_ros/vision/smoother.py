@@ -47,6 +47,7 @@ LARGEST_NOISE = 0.1  # of the mean distance of targets, tried
 LEVEL_RATIO = 1.5  # between levels of noise that are tried
 FAR_WORSE = 20.0  # in -2 log likelihood: larger levels of noise are not tried any more
 STD_RATIO = 2.0  # between classes of targets that count as equally accurate: few sets are needed
+LEAST_ACCURATE = 20  # classes: a millionth of the weight
 LEAST_WEIGHT = 1e-3  # a prior less probable than this takes no part
 
 Indices = npt.NDArray[np.int64]
@@ -230,7 +231,7 @@ def accuracy_classes(sightings: TargetSightings, least_std: float) -> npt.NDArra
     std = np.hypot(np.fmax(sightings.std[seen], 0.0), least_std)  # no std: that of the least noise
     if std.size and std.max() > STD_RATIO * std.min():
         ratio = np.log(std / np.median(std)) / math.log(STD_RATIO)
-        classes[seen] += np.maximum(np.rint(ratio), 0.0).astype(np.int8)
+        classes[seen] += np.clip(np.rint(ratio), 0.0, LEAST_ACCURATE).astype(np.int8)
     return classes
 
 

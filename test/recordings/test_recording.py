@@ -15,6 +15,7 @@ from pneunet_ros.messages.readings import (
     decode_wrench,
     END_WRENCH,
     PRESSURE_TYPE,
+    TARGETS,
     WRENCH_TYPE,
 )
 from pneunet_ros.recordings.message_store import jazzy, serialize
@@ -91,9 +92,10 @@ def test_the_sensors_of_another_arm_are_not_those_of_a_named_topic(tmp_path):
     with write_recording(tmp_path / 'r.mcap') as writer:
         for topic in ('/left/pressure', '/right/pressure'):
             writer.write(writer.add(topic, PRESSURE_TYPE), 0, pressure(0))
-        for topic in ('/right/end_wrench', '/base_imu'):
-            sensor = BASE_IMU if topic == '/base_imu' else END_WRENCH
-            writer.add(topic, sensor.type)
+        for arm in ('left', 'right'):
+            writer.add(f'/{arm}/targets', TARGETS.type)
+        writer.add('/right/end_wrench', END_WRENCH.type)
+        writer.add('/base_imu', BASE_IMU.type)
     recording = open_recording(tmp_path / 'r.mcap')
     for arm, wrench in (('left', None), ('right', '/right/end_wrench')):
         named = {'pressure': f'/{arm}/pressure'}
@@ -101,6 +103,17 @@ def test_the_sensors_of_another_arm_are_not_those_of_a_named_topic(tmp_path):
         assert find_series(recording, BASE_IMU, named, required=False) == '/base_imu'
     with refused(RecordingError, 'no_topic'):
         find_series(recording, END_WRENCH, {'pressure': '/left/pressure'})
+
+
+@pytest.mark.parametrize('valve', ['/valve/pressure', '/arm/filtered/pressure'])
+@pytest.mark.parametrize('arm', ['/arm/', '/'])
+def test_a_second_pressure_of_one_arm_takes_no_sensor_from_it(tmp_path, valve, arm):
+    with write_recording(tmp_path / 'r.mcap') as writer:
+        for topic in (f'{arm}pressure', valve):
+            writer.write(writer.add(topic, PRESSURE_TYPE), 0, pressure(0))
+        writer.add(f'{arm}end_wrench', END_WRENCH.type)
+    recording = open_recording(tmp_path / 'r.mcap')
+    assert find_series(recording, END_WRENCH, {'pressure': valve}) == f'{arm}end_wrench'
 
 
 def test_an_override_must_name_a_topic_of_the_type(recording):
