@@ -15,7 +15,7 @@ from pneunet_ros.core.frames import is_rotation, Quaternion, rotation_matrix, UN
 from pneunet_ros.core.outcome import drop, Refusal, refuse
 from pneunet_ros.core.readings import BaseReading, FrameReading, ImuReading
 from pneunet_ros.core.stamps import RESTARTED, stamp_fault
-from pneunet_ros.core.units import seconds_between, STANDARD_GRAVITY
+from pneunet_ros.core.units import seconds_between, seconds_since, STANDARD_GRAVITY
 from pneunet_ros.estimation.settings import EstimatorSettings, turn_of
 from pneunet_ros.model.gravity import FIXED, Gravity, IMU
 
@@ -40,11 +40,13 @@ class GravityReading:
 class BaseGravity:
     """State of gravity at the base: frames, the last usable reading, and why the last one was not.
 
-    trouble: why the last reading of base_imu could not be used, None if it could.
+    earlier: the usable reading before; trouble: why the last reading of base_imu could not be
+    used, None if it could.
     """
 
     frames: FrameTree = field(default_factory=FrameTree)
     reading: GravityReading | None = None
+    earlier: GravityReading | None = None
     trouble: Refusal | None = None
 
     def fresh(self) -> BaseGravity:
@@ -88,7 +90,7 @@ class GravitySource:
             ends = refusal is not None and refusal.error
             return replace(known, trouble=refusal if ends else known.trouble), refusal
         found = GravityReading(stamp_ns=reading.stamp_ns, direction=direction)
-        return replace(known, reading=found, trouble=None), None
+        return replace(known, reading=found, earlier=known.reading, trouble=None), None
 
     def take_frames(
         self, known: BaseGravity, readings: tuple[FrameReading, ...]
@@ -179,6 +181,22 @@ class GravitySource:
         if trouble is not None:
             return None, replace(trouble, stamp_ns=stamp_ns)
         return None, refuse(stamp_ns, 'stale_imu', self.stale('base_imu', age))
+
+    def change_since(self, known: BaseGravity, stamp_ns: int) -> Direction | None:
+        """Return the likely change of gravity since the last base_imu, in g; None: there is none.
+
+        It may have changed on as from the reading before to the last one, for this time at most.
+        """
+        last, earlier = known.reading, known.earlier
+        if not self.uses_imu or last is None or earlier is None:
+            return None
+        age = seconds_since(last.stamp_ns, stamp_ns)
+        between = seconds_since(earlier.stamp_ns, last.stamp_ns)
+        if not (age > 0.0 and between > 0.0) or last.direction == earlier.direction:
+            return None
+        share = min(age / between, 1.0)
+        (x, y), (before_x, before_y) = last.direction, earlier.direction
+        return share * (x - before_x), share * (y - before_y)
 
     def by_frame(
         self, known: BaseGravity, stamp_ns: int

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal, refuse
 from pneunet_ros.core.readings import BaseReading, PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import seconds_between, seconds_since
 from pneunet_ros.effects.effect import History, Load
-from pneunet_ros.estimation.base_gravity import GravitySource
+from pneunet_ros.estimation.base_gravity import Direction, GravitySource
 from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, wrong_frame
@@ -25,7 +25,7 @@ from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.errors.age_error import with_age_error
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian, PRESSURE
-from pneunet_ros.measurement.errors.propagated_errors import propagate_errors
+from pneunet_ros.measurement.errors.propagated_errors import propagate_errors, PropagatedErrors
 from pneunet_ros.measurement.meaning.wrench_judge import load_hint
 from pneunet_ros.measurement.moving_arm import MovingArm, MovingState, Places, places_along
 from pneunet_ros.model.arm import Arm
@@ -37,6 +37,7 @@ from pneunet_ros.model.equilibrium import (
     station_arclength,
 )
 from pneunet_ros.model.perturbation import gravity_of, PerturbationTable
+from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.vibration import links_at
 
 
@@ -174,6 +175,9 @@ class Estimator:
             )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
+        change = self.gravity.change_since(state.gravity, reading.stamp_ns)
+        if change is not None:
+            errors = self.with_gravity_error(errors, shape, load, chamber, history, change)
         moving = motion = None
         if self.moving is not None and self.places is not None:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
@@ -243,6 +247,30 @@ class Estimator:
             return noise
         now, before = (self.arm.sense(with_wrench(sensed, one)).row[0] for one in (last, earlier))
         return with_age_error(noise, now - before, age / between)
+
+    def with_gravity_error(
+        self,
+        errors: PropagatedErrors,
+        shape: Shape,
+        load: Load,
+        chamber: float,
+        history: tuple[History, ...],
+        change: Direction,
+    ) -> PropagatedErrors:
+        """Return the errors of a shape with that of its gravity, one sigma in g."""
+        assert load.gravity is not None
+        turned = replace(load, gravity=(load.gravity[0] + change[0], load.gravity[1] + change[1]))
+        rods = self.arm.rods(np.array([chamber]), history, load.row, gravity_of(turned, count=1))
+        there = solve_rod(self.arm, rods, turned, shape.solution, self.arclength, quick=True)
+        if there.solution is None:
+            return errors
+        x, y, curvature = there.x - shape.x, there.y - shape.y, there.curvature - shape.curvature
+        tip = np.array([x[-1], y[-1], there.theta[-1] - shape.theta[-1]])
+        return replace(
+            errors,
+            tip_covariance=freeze(errors.tip_covariance + np.outer(tip, tip)),
+            std=freeze(np.hypot(errors.std, [x, y, curvature])),
+        )
 
     def forbidden(
         self,

@@ -92,6 +92,20 @@ def test_a_base_that_accelerates_pulls_the_arm_the_other_way():
     assert found.shape.tip[1] < solve(heavier, 31e3).tip[1]
 
 
+def test_gravity_that_turns_is_the_less_sure_the_older_its_reading():
+    of = estimator(judge_readings=False)
+    rolls = {at: 0.002 * at for at in (100, 200, 250)}
+    read = {at: imu(0.0, G * np.sin(roll), G * np.cos(roll), at) for at, roll in rolls.items()}
+    old = last(of, read[100], read[200], pressure(250))
+    true = last(of, read[100], read[200], read[250], pressure(250))
+    error = np.subtract(old.shape.tip[:2], true.shape.tip[:2])
+    sigmas = [np.sqrt(np.diag(one.tip_covariance)[:2]) for one in (old, true)]
+    size = np.abs(error) / sigmas[0]
+    assert np.all((size > 0.7) & (size < 1.4))  # one sigma, of a base that turns on as before
+    assert np.linalg.norm(error / sigmas[1]) > 5.0
+    assert old.std_y[-1] == pytest.approx(sigmas[0][1])
+
+
 def test_what_effects_add_stays_beside_a_measured_direction():
     """Also the neighbors by which errors are carried: with the way of every table."""
     for effects in ((), (Creep(amplitude=0.2, time_constant=60.0), LoadOffset(offset=2e-3))):
