@@ -17,6 +17,9 @@ import scipy
 # Of each axis, in which shares of the misfit are counted and drawn.
 BINS: dict[Axis, int] = {'arclength': 5, 'pressure': 5, 'force': 4, 'time': 4}
 FALLING, RISING = -1.0, 1.0
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+TREND = 2.0  # ratio of misfits that is called a difference
+FLOOR = 0.1  # least misfit of a ratio, of the mean misfit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,16 +163,16 @@ def describe_misfit(frames: Frames) -> str:
             continue
         ratio = end_ratio(frames, axis)
         verb = 'hardly depends on'
-        if ratio > LOCALIZATION.trend:
+        if ratio > TREND:
             verb = 'grows with'
-        elif ratio < 1.0 / LOCALIZATION.trend:
+        elif ratio < 1.0 / TREND:
             verb = 'falls with'
         words.append(f'{verb} {name}')
     top = float(frames.arclength[int(np.nanargmax(target_means(frames.squares)))])
     words.append(f'is largest at {top:.2f} of the length')
     if {FALLING, RISING} <= set(frames.axes.get('direction', np.zeros(0)).tolist()):
         ratio = rising_to_falling_ratio(frames)
-        differs = ratio > LOCALIZATION.trend or ratio < 1.0 / LOCALIZATION.trend
+        differs = ratio > TREND or ratio < 1.0 / TREND
         words.append(
             ('differs' if differs else 'is the same')
             + ', frame by frame, for rising and falling pressure'
@@ -213,7 +216,7 @@ def rising_to_falling_ratio(frames: Frames) -> float:
 
 def floored_ratio(upper: float, lower: float, mean: float) -> float:
     """Return a ratio with both sides bounded below by a share of the mean."""
-    least = LOCALIZATION.floor * max(mean, LOCALIZATION.floor)
+    least = FLOOR * max(mean, FLOOR)
     return float(max(upper, least) / max(lower, least))
 
 

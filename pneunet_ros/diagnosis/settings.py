@@ -185,8 +185,6 @@ class LocalizationSettings:
     moving: float = tuning(
         0.02, 'rate of pressure; below it holds', unit='pressure range/s', source='sweep'
     )
-    trend: float = tuning(2.0, 'ratio of misfits that is called a difference', source='invented')
-    floor: float = tuning(0.1, 'least misfit of a ratio', unit='mean misfit', source='invented')
     significant: float = tuning(1e-3, 'p-value', source='convention')
 
 

@@ -18,6 +18,7 @@ from pneunet_ros.diagnosis.localization import (
     misfit_shares,
     rising_to_falling_ratio,
     target_means,
+    TREND,
 )
 from pneunet_ros.diagnosis.result import AXES, Axis
 from pneunet_ros.diagnosis.settings import LOCALIZATION
@@ -101,7 +102,7 @@ def test_a_misfit_while_the_pressure_falls():
     assert (falling.start, falling.stop, rising.start) == (-1.0, -1.0, 1.0)
     assert falling.share > 0.95
     assert rising.p_value > LOCALIZATION.significant > falling.p_value
-    assert rising_to_falling_ratio(found) < 1.0 / LOCALIZATION.trend
+    assert rising_to_falling_ratio(found) < 1.0 / TREND
 
 
 @pytest.mark.parametrize('lost', [0.0, 0.1])
@@ -123,7 +124,7 @@ def test_the_sentence_says_what_grows_and_what_does_not(lost):
 def test_a_misfit_everywhere_grows_with_nothing(lost):
     frames = clean(lost=lost)
     found = worse(frames, np.ones(COUNT, dtype=bool))
-    trend = LOCALIZATION.trend
+    trend = TREND
     ratios = [end_ratio(found, axis) for axis in ('force', 'pressure', 'time')]
     assert all(1.0 / trend <= ratio <= trend for ratio in ratios)
     assert 1.0 / trend <= rising_to_falling_ratio(found) <= trend
@@ -140,7 +141,7 @@ def test_a_stretch_in_which_nothing_was_seen():
     frames = worse(clean(), np.ones(COUNT, dtype=bool))
     dark = within(frames, 'pressure', 48e3, 60e3)
     frames = worse(frames, dark, np.nan)
-    assert 1.0 / LOCALIZATION.trend <= end_ratio(frames, 'pressure') <= LOCALIZATION.trend
+    assert 1.0 / TREND <= end_ratio(frames, 'pressure') <= TREND
     last = [one for one in misfit_shares(frames) if one.axis == 'pressure'][-1]
     assert last.share < 0.01
 
@@ -182,7 +183,7 @@ def test_residuals_of_a_fit_without_what_is_missing():
     )
     # What acted is on a line through the readings, which differ from it by their noise.
     assert frames.axes['force'] == pytest.approx(forces, rel=0.02, abs=1e-3)
-    assert end_ratio(frames, 'force') > LOCALIZATION.trend
+    assert end_ratio(frames, 'force') > TREND
     known = fitted('load_offset', 'load_offset')
     left = collect_frames(known)
     assert np.nansum(left.squares) < 0.7 * np.nansum(frames.squares)
