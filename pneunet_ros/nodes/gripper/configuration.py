@@ -195,7 +195,7 @@ def arms_of(
     that would share a frame.
     """
     blocks = {arm: block_of(arm, given) for arm in settings.arms}
-    topics = {topic for node in settings.nodes for topic in TOPICS_OF[node]}
+    topics = {topic for of_node in TOPICS_OF.values() for topic in of_node}
     for arm, block in blocks.items():
         for name in block.topics.keys() - topics:
             raise RequestError(
@@ -272,7 +272,7 @@ def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
             continue
         first, _, rest = key.partition('.')
         if first == TOPICS and rest:
-            topics[rest.replace('.', '/')] = str(value)
+            topics[topic_of(rest)] = str(value)
         elif key == MOUNT:
             mount = value
         elif first in TABLES and rest in names_of(first):
@@ -302,7 +302,15 @@ def is_used(settings: GripperSettings, key: str) -> bool:
         return first in nodes
     if key == MOUNT:
         return settings.fusion
-    return first == TOPICS or any(key in names_of(node) for node in nodes)
+    if first == TOPICS:
+        topic = topic_of(key.partition('.')[2])
+        return any(topic in TOPICS_OF[node] for node in nodes)
+    return any(key in names_of(node) for node in nodes)
+
+
+def topic_of(key: str) -> str:
+    """Return the name of the topic of a key of `topics` in a block."""
+    return key.replace('.', '/')
 
 
 def names_of(node: str) -> set[str]:
