@@ -10,6 +10,7 @@ from multiprocessing import get_context
 import os
 import signal
 import time
+from types import SimpleNamespace
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.share import share_path
@@ -31,6 +32,7 @@ from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
     arms_of,
     block_of,
     check_blocks,
+    GripperConfiguration,
     GripperSettings,
     is_used,
     parameters_of,
@@ -345,14 +347,19 @@ def test_no_two_arms_publish_the_transform_of_one_tip():
     arms_of(GripperSettings(), {'left.publish_tf': True})
 
 
-@pytest.mark.parametrize('name', ['presure', 'image_raw', 'pressure_command'])
+@pytest.mark.parametrize('name', ['presure', 'pressure_command'])
 def test_a_topic_that_no_node_of_an_arm_has_is_refused(name):
     given = {f'left.topics.{name}': '/valves/one'}
     with refused(RequestError, 'unknown_key') as caught:
         arms_of(GripperSettings(), given)
     assert name in str(caught.value)
-    if name == 'image_raw':
-        arms_of(GripperSettings(tracker=True), given)
+
+
+def test_a_topic_of_a_node_that_is_not_started_is_without_effect_but_not_refused():
+    for name in ('image_raw', 'image_raw.compressed', 'camera_info'):
+        arms_of(GripperSettings(), {f'left.topics.{name}': '/camera/one'})
+        assert not is_used(GripperSettings(), f'topics.{name}')
+        assert is_used(GripperSettings(tracker=True), f'topics.{name}')
 
 
 def test_what_is_given_for_nodes_that_are_not_started_has_no_effect():
@@ -360,6 +367,21 @@ def test_what_is_given_for_nodes_that_are_not_started_has_no_effect():
     assert not is_used(without, 'mount') and not is_used(without, 'fusion.use_wrench')
     assert not is_used(without, 'clamp_pixel') and is_used(without, 'wrench_sign')
     assert is_used(GripperSettings(), 'mount') and is_used(without, 'topics.pressure')
+
+
+@pytest.mark.parametrize('name', ['qos_overrides./gripper/state.publisher.depth', 'stations'])
+def test_a_quality_of_service_of_a_topic_that_is_not_open_ends_no_gripper(name):
+    node = SimpleNamespace(
+        configuration=GripperConfiguration(node=GripperSettings(fusion=False)),
+        members=[],
+        has_parameter=lambda name: False,
+        _parameter_overrides={name: 5},
+    )
+    if name == 'stations':
+        with refused(RequestError, 'unknown_key'):
+            GripperNode.check_given(node)
+    else:
+        GripperNode.check_given(node)
 
 
 def test_a_model_is_given_to_the_nodes_of_an_arm_only_if_there_is_one():

@@ -76,7 +76,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         alone = [
             name
             for name in undeclared_overrides(self)
-            if name.partition('.')[0] not in arms
+            if name.partition('.')[0] not in (*arms, 'qos_overrides')  # of topics not open now
             and not any(name in overrides(member) for member in self.members)
         ]
         if alone:
