@@ -204,6 +204,15 @@ class Fusion:
         state = self.with_pressure(state)
         if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
+        belief = state.belief
+        if belief is not None and self.is_ahead_of_pressure(state, belief):
+            seconds = seconds_between(instant.stamp_ns, belief.stamp_ns)
+            sentence = (
+                f'the last frame is {seconds:.3g} s newer than this pressure, which came late'
+            )
+            sentences = '; '.join([sentence, *self.ahead_notes(state)])
+            refusal = refuse(reading.stamp_ns, 'too_uncertain', sentences, awaits_others=True)
+            return state.count_rejected(refusal.reason), refusal
         if unknown is not None:
             return state.count_rejected(unknown.reason), unknown
         age = state.target_age(instant.stamp_ns)
@@ -215,6 +224,10 @@ class Fusion:
             state = state.count_rejected(outcome.reason)
             outcome = replace(outcome, sentence='; '.join([outcome.sentence, *clock_notes]))
         return state, outcome
+
+    def is_ahead_of_pressure(self, state: FusionState, belief: Belief) -> bool:
+        """Whether no pressure reading has reached the last frame, so that it is unknown there."""
+        return belief.unpressed and state.pressures[-1].stamp_ns < belief.stamp_ns
 
     def refuse_pressure(
         self, state: FusionState, reading: PressureReading
@@ -473,6 +486,8 @@ class Fusion:
     def with_pressure(self, state: FusionState) -> FusionState:
         """Return the state after the pressure is available again."""
         if state.belief is None or not state.belief.unpressed or PRESSURE in state.causes:
+            return state
+        if self.is_ahead_of_pressure(state, state.belief):
             return state
         state = self.weigh_pending(state)  # if the pressure of a frame had not been read
         if PRESSURE in state.causes:

@@ -166,6 +166,20 @@ def test_the_first_frame_of_an_arm_of_negative_rigidity_is_used(fusion):
     assert (state.counts.frames, dict(state.counts.unused)) == (1, {})
 
 
+def test_a_pressure_that_arrives_after_a_later_frame_is_not_the_pressure_of_that_frame(fusion):
+    early = [pressure(stamp_ms) for stamp_ms in (980, 1000)]
+    seen = [frame(fusion, stamp_ms) for stamp_ms in (1000, 1600, 1700)]  # two of them alone
+    before, _ = run(fusion, *early, *seen)
+    assert before.belief.unpressed
+    state, late = before, []
+    for stamp_ms in (1500, 1690, 1710):
+        state, outcome = fusion.step(state, pressure(stamp_ms, gauge=0.8 * GAUGE))
+        late.append(outcome)
+    assert [one.reason for one in late[:2]] == ['too_uncertain', 'too_uncertain']
+    assert isinstance(late[2], FusedEstimate) and not state.belief.unpressed
+    assert len(state.pressures) == 5  # what came late is the past of what follows
+
+
 def test_a_frame_stamped_ahead_costs_none_that_follow(fusion):
     late = Fusion(arm=replace(fusion.arm, effects=(CameraDelay(delay=0.15),)))
     events = []
