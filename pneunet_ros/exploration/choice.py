@@ -66,8 +66,13 @@ def choice_in_order(safe: SafeSet, recorded: Sequence[Experiment]) -> Choice:
 
 
 def allowed(safe: SafeSet) -> tuple[Experiment, ...]:
-    """Return the experiments that the limits allow."""
-    return tuple(item for item in experiments() if safe.allows(item))
+    """Return the experiments that the limits allow, each in one of two opposite directions."""
+    kept: dict[tuple[tuple[float, ...], ...], Experiment] = {}
+    for item in experiments(safe.loaded):
+        opposite = tuple((time, share, -x, -y) for time, share, x, y in item.corners)
+        if opposite not in kept and safe.allows(item):
+            kept[item.corners] = item
+    return tuple(kept.values())
 
 
 def ranked_choices(

@@ -14,17 +14,24 @@ BEGINNING = Experiment(
         (17, 0.2, 0, 0), (26, 0.6, 0, 0), (29, 0.6, 0, 0), (38, 0, 0, 0), (40, 0, 0, 0),
     ),
 )  # fmt: skip
-DIRECTIONS = (
+DIRECTIONS = (  # each followed by the opposite one
     ((1.0, 0.0), 'along the arm at rest (E1)'),
+    ((-1.0, 0.0), 'along the arm at rest (-E1)'),
     ((0.0, 1.0), 'across the arm at rest (E2)'),
+    ((0.0, -1.0), 'across the arm at rest (-E2)'),
     ((0.7, 0.7), 'between E1 and E2'),
+    ((-0.7, -0.7), 'between -E1 and -E2'),
     ((0.7, -0.7), 'between E1 and -E2'),
+    ((-0.7, 0.7), 'between -E1 and E2'),
 )
 LEVELS = ((0.15, 0.85), (0.4, 1.0), (0.0, 0.6))  # of the pressure range, at which forces are swept
 
 
-def experiments() -> Iterator[Experiment]:
-    """Yield possible recordings of 20 to 40 s, in shares of the safe set."""
+def experiments(loaded: tuple[float, float] = (0.0, 1.0)) -> Iterator[Experiment]:
+    """Yield possible recordings of 20 to 40 s, in shares of the safe set.
+
+    loaded: shares of the pressure range, between which the arm may be loaded.
+    """
     yield Experiment(
         words='without a load, steps of pressure up and down with holds of 6 s',
         corners=(
@@ -39,8 +46,10 @@ def experiments() -> Iterator[Experiment]:
             for index, time in enumerate((0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 21, 24))
         ),
     )
+    first, half, last = (min(max(share, loaded[0]), loaded[1]) for share in (0.0, 0.5, 1.0))
     for (x, y), words in DIRECTIONS:
-        for low, high in LEVELS:
+        for level in LEVELS:
+            low, high = (min(max(share, first), last) for share in level)
             yield Experiment(
                 words=f'a force {words}, swept up and down at {100 * low:.0f} % and '
                 f'{100 * high:.0f} % of the pressure',
@@ -50,9 +59,11 @@ def experiments() -> Iterator[Experiment]:
                 ),
             )  # fmt: skip
         yield Experiment(
-            words=f'a constant force {words}, ramps to half and to full pressure, each twice',
+            words=f'a constant force {words}, ramps from {100 * first:.0f} % to '
+            f'{100 * half:.0f} % and to {100 * last:.0f} % of the pressure, each twice',
             corners=(
-                (0, 0, x, y), (5, 0.5, x, y), (10, 0, x, y), (15, 0.5, x, y), (20, 0, x, y),
-                (25, 1, x, y), (30, 0, x, y), (35, 1, x, y), (40, 0, x, y),
+                (0, first, x, y), (5, half, x, y), (10, first, x, y), (15, half, x, y),
+                (20, first, x, y), (25, last, x, y), (30, first, x, y), (35, last, x, y),
+                (40, first, x, y),
             ),
         )  # fmt: skip

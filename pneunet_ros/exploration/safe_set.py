@@ -49,6 +49,16 @@ class SafeSet:
         hull = arm.load_hull if force else None
         return cls(low=low, high=high, force=force or arm.weight, hull=hull)
 
+    @property
+    def loaded(self) -> tuple[float, float]:
+        """The shares of the pressure range, between which the arm was loaded."""
+        if self.hull is None or self.hull.scale[PRESSURE] == 0.0:
+            return 0.0, 1.0
+        loads = self.hull.points[self.hull.points[:, :PRESSURE].any(axis=1)]
+        rest, farthest = pressures_at(np.array([0.0, 1.0]), (self.low, self.high)).tolist()
+        shares = (loads[:, PRESSURE] / self.hull.scale[PRESSURE] - rest) / (farthest - rest)
+        return min(max(float(shares.min()), 0.0), 1.0), min(max(float(shares.max()), 0.0), 1.0)
+
     def within(self, experiment: Experiment) -> Experiment:
         """Return an experiment with all its forces reduced by one factor, so that they are safe.
 
