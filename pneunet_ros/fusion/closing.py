@@ -143,17 +143,42 @@ class Closing:
         Then each touching arm presses with the largest allowed force, or all arms are at a limit
         of their pressures. pressures (Pa): the last command; width (m): the measured one.
         """
-        closing = width > command.width
-        end = -1 if closing else 0
         touches = self.gripper.touches(seen)
-        hard = {
-            name
-            for name, one in touches.items()
-            if closing and one.is_touching and one.size >= (1.0 - AS_HARD) * command.force
-        }
         touching = {name for name, one in touches.items() if one.is_touching}
-        ended = {name for name in pressures if pressures[name] == self.reaches[name].pressure[end]}
+        hard = hard_pressed(touches, command, width)
+        ended = self.ended(pressures, command, width)
         return (len(touching) > 1 and hard == touching) or hard | ended == touches.keys()
+
+    def is_blind(
+        self,
+        seen: Mapping[str, SeenArm],
+        pressures: Mapping[str, float],
+        command: GripCommand,
+        width: float,
+    ) -> bool:
+        """Whether no arm can do more until the push of some is known again; see `is_stalled`."""
+        touches = self.gripper.touches(seen)
+        unknown = {name for name, one in touches.items() if is_unknown(one.force)}
+        spent = hard_pressed(touches, command, width) | self.ended(pressures, command, width)
+        is_open = width > command.width
+        return is_open and not unknown <= spent and unknown | spent == touches.keys()
+
+    def ended(
+        self, pressures: Mapping[str, float], command: GripCommand, width: float
+    ) -> set[str]:
+        """Return the arms at the limit of their pressures towards a commanded width."""
+        end = -1 if width > command.width else 0
+        return {name for name in pressures if pressures[name] == self.reaches[name].pressure[end]}
+
+
+def hard_pressed(touches: Mapping[str, Touch], command: GripCommand, width: float) -> set[str]:
+    """Return the arms that close with the largest force of a command."""
+    largest = (1.0 - AS_HARD) * command.force
+    return {
+        name
+        for name, one in touches.items()
+        if width > command.width and one.is_touching and one.size >= largest
+    }
 
 
 def is_reached(grasp: Grasp, command: GripCommand, tolerance: float) -> bool:

@@ -243,7 +243,13 @@ def test_an_unknown_push_is_no_force_of_zero_and_closes_nothing(closing, pushed)
     now, close = dict.fromkeys(seen, PRESSURE), GripCommand(width=-0.2, force=2.0 * PUSH)
     assert closing.step(seen, now, close, 0.033) == now
     assert not closing.is_stalled(seen, now, close, grasp.width)
+    assert closing.is_blind(seen, now, close, grasp.width)
+    for one, force, blind in ((0, PUSH, True), (1, PUSH, True), (0, 2.0 * PUSH, False)):
+        known = seen | {f'arm_{one}': pushed[one][1]}
+        softer = GripCommand(width=close.width, force=force)
+        assert closing.is_blind(known, now, softer, grasp.width) == blind
     opened = closing.step(seen, now, GripCommand(width=0.09, force=PUSH), 0.033)
+    assert not closing.is_blind(seen, now, GripCommand(width=0.09, force=PUSH), grasp.width)
     assert max(opened.values()) < PRESSURE
 
 

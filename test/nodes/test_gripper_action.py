@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import time
@@ -31,7 +32,7 @@ class Held:
 
     def __init__(self):
         self.fusions, self.grasp, self.ordered = {'left': None, 'right': None}, None, []
-        self.reached = self.stalled = self.held = False
+        self.reached = self.stalled = self.blind = self.held = False
         self.command = None
 
     def order(self, width, force):
@@ -49,6 +50,9 @@ class Held:
 
     def is_stalled(self):
         return self.stalled
+
+    def is_blind(self):
+        return self.blind
 
     def see(self, width):
         self.grasp = SimpleNamespace(width=width, force=0.06)
@@ -109,6 +113,20 @@ def test_a_goal_ends_by_a_newer_one_by_cancelling_and_without_frames(held, monke
     assert held.held  # nothing moves on when frames come back
     refused = Handle(width=-2.0)
     assert turn(goals.execute(refused)) is not None and refused.became == 'abort'
+
+
+@pytest.mark.parametrize('blind', [True, False])
+def test_a_goal_ends_where_frames_come_but_not_the_force_that_it_needs(held, monkeypatch, blind):
+    """It ran forever."""
+    handle, clock = Handle(), itertools.count()
+    monkeypatch.setattr(action, 'time', SimpleNamespace(monotonic=lambda: 0.5 * next(clock)))
+    running = GripperGoals(held, KIND).execute(handle)
+    held.blind = blind
+    for _ in range(10):
+        held.see(0.05)
+        if turn(running) is not None:
+            break
+    assert (handle.became, held.held) == (('abort', True) if blind else ('', False))
 
 
 def test_a_goal_ends_where_its_command_was_reset(held):

@@ -15,7 +15,7 @@ from pneunet_ros.fusion.grasp import Grasp
 from pneunet_ros.nodes.gripper.grasping import Grasping
 
 NAME = 'gripper_cmd'
-SILENCE = 2.0  # s without a frame, after which a goal is aborted
+SILENCE = 2.0  # s without a frame or a force that is needed, after which a goal is aborted
 
 
 def gripper_command() -> Any | None:
@@ -44,7 +44,8 @@ class GripperGoals:
     """Executes goals, each until a newer command replaces its own.
 
     kind: the type of the action. A goal ends when the width is reached, or when the arms hold an
-    object with the largest allowed force; the latter sets `stalled` and is not a failure.
+    object with the largest allowed force; the latter sets `stalled` and is not a failure. It is
+    aborted where an arm waits too long for a frame or a known force.
     """
 
     def __init__(self, grasping: Grasping, kind: Any) -> None:
@@ -73,7 +74,8 @@ class GripperGoals:
                 handle.succeed()
             else:
                 handle.publish_feedback(self.fill_message(self.kind.Feedback(), grasp, command))
-                waiting_since = time.monotonic()
+                if not self.grasping.is_blind():
+                    waiting_since = time.monotonic()
                 continue
             return self.fill_message(self.kind.Result(), grasp, command)
 

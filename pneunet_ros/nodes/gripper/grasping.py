@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 import math
 import time
@@ -200,11 +200,18 @@ class Grasping:
 
     def is_stalled(self) -> bool:
         """Whether the grip is at its force limit or cannot close any further."""
+        return self.is_so(Closing.is_stalled)
+
+    def is_blind(self) -> bool:
+        """Whether the grip cannot close any further until a force is known again."""
+        return self.is_so(Closing.is_blind)
+
+    def is_so(self, question: Callable[..., bool]) -> bool:
+        """Answer a question on the last grasp to the controller; no, without a grasp."""
         command = self.allowed
         if command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
             return False
-        width = self.grasp.width
-        return self.controller().is_stalled(self.seen, self.pressures, command, width)
+        return question(self.controller(), self.seen, self.pressures, command, self.grasp.width)
 
     def forget(self) -> None:
         """Forget all frames and the command."""
