@@ -12,9 +12,13 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.fit.linearization import KnownInputs, Linearization
 from pneunet_ros.diagnosis.fit.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.scores.score_test import Candidate
-from pneunet_ros.diagnosis.settings import EXPERIMENT_DESIGN, SCORE_TEST
+from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
+
+# Of a simulated experiment. No figure of acceptance/sweep.py moves when one is halved or doubled.
+FRAMES = 60
+RATE = 20.0  # Hz, of readings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +48,9 @@ class Experiment:
     ) -> RecordingData:
         """Return the recording from a stamp on, with targets at zero; force (N): the largest."""
         corners = np.array(self.corners, dtype=np.float64)
-        time = np.arange(0.0, corners[-1, 0], 1.0 / EXPERIMENT_DESIGN.rate)
+        time = np.arange(0.0, corners[-1, 0], 1.0 / RATE)
         share, f1, f2 = (np.interp(time, corners[:, 0], corners[:, i]) for i in (1, 2, 3))
-        frames = frames or EXPERIMENT_DESIGN.frames
+        frames = frames or FRAMES
         reading = np.linspace(0, time.size - 1, frames).astype(np.int64)
         loads = np.column_stack([f1, f2])
         stamps = stamp_ns + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)

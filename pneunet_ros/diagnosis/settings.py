@@ -189,14 +189,6 @@ class LocalizationSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExperimentDesignSettings:
-    """Settings for simulated experiments."""
-
-    frames: int = tuning(60, 'frames of an experiment', source='invented')
-    rate: float = tuning(20.0, 'rate of readings', unit='Hz', source='invented')
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class AugmentedModelSettings:
     """Settings of the base model fitted with the effects."""
 
@@ -210,7 +202,7 @@ SCORE_TEST = ScoreTestSettings()
 LAW_ERRORS, LACK_OF_FIT = LawErrorSettings(), LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
-EXPERIMENT_DESIGN, AUGMENTED_MODEL = ExperimentDesignSettings(), AugmentedModelSettings()
+AUGMENTED_MODEL = AugmentedModelSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,7 +218,6 @@ class FixedSettings:
     reading_noise: ReadingNoiseSettings = READING_NOISE
     selection: SelectionSettings = SELECTION
     localization: LocalizationSettings = LOCALIZATION
-    experiment_design: ExperimentDesignSettings = EXPERIMENT_DESIGN
     augmented_model: AugmentedModelSettings = AUGMENTED_MODEL
 
 

@@ -14,6 +14,7 @@ REFINEMENTS = 3  # halvings of the distance between positions
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 MOST_TERMS = 3  # of a law
 IDLE = 3.0  # std of a term that may be left out
+PERIOD_COST = 5.0  # log probability, that the search over periods finds by chance
 ROUNDS = 2  # of fitting a law to the residuals of the last one
 
 
@@ -22,7 +23,7 @@ class CovariateSettings:
     """Settings of the covariates of an amplitude."""
 
     play: float = tuning(
-        0.02, 'full width of the usual play', unit='pressure range', source='invented'
+        0.02, 'full width of the usual play', unit='pressure range', source='sweep'
     )
 
 
@@ -34,19 +35,13 @@ class LawSettings:
         4.0,
         'gain of a term more in recordings left out, and difference of two kinds',
         unit='log probability',
-        source='invented',
+        source='sweep',
     )
     prior_sizes: tuple[float, ...] = tuning(
         (0.01, 0.1, 1.0),
         'prior std of coefficients, the best is taken',
         unit='prior of the kind',
         source='sweep',
-    )
-    period_cost: float = tuning(
-        5.0,
-        'gain that the search over periods finds by chance',
-        unit='log probability',
-        source='invented',
     )
     fewest_cycles: float = tuning(
         2.5, 'periods in the longest recording, at least', source='invented'

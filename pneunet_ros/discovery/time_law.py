@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Evidence, log_gains, PerRunColumns, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
-from pneunet_ros.discovery.settings import LAW
+from pneunet_ros.discovery.settings import LAW, PERIOD_COST
 import scipy
 
 CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
@@ -78,7 +78,7 @@ def find_swing(
     priors = prior * np.asarray(LAW.prior_sizes)
     free = log_gains(frame_evidence.score, frame_evidence.information, priors).max()
     # A swing must explain more than a separate amplitude in every frame.
-    if best is None or best[0] < max(free, 0.0) + LAW.period_cost:
+    if best is None or best[0] < max(free, 0.0) + PERIOD_COST:
         return None
     _, period, modulation, sizes, std = best
     period, period_std = refine_period(frame_evidence, seconds, sizes, period, std, periods)
@@ -94,7 +94,7 @@ def find_swing(
         modulation=modulation,
         size=size,
         size_std=float(np.sqrt(slope @ covariance[np.ix_(run_columns, run_columns)] @ slope)),
-        left_out_gain=combined.left_out_gain(runs, std) - LAW.period_cost,
+        left_out_gain=combined.left_out_gain(runs, std) - PERIOD_COST,
         factors=factors,
         std=std,
     )
