@@ -42,7 +42,7 @@ from pneunet_ros.discovery.result import (
 )
 from pneunet_ros.discovery.search import Search, Suspect
 from pneunet_ros.discovery.sentence import drift_sentence, law_sentence, swing_sentence
-from pneunet_ros.discovery.settings import CONFIRMATION, GRID, LAW, REFINEMENTS
+from pneunet_ros.discovery.settings import CONFIRMATION, GRID, LAW, LEVEL, REFINEMENTS
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
@@ -374,9 +374,7 @@ def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
     count = len(fits.search.runs)
     if count < CONFIRMATION.fewest_runs:
         found.append(f'{count} training recordings cannot confirm it')
-    elif (
-        p_value := split_p_value(finding.suspect, fits.search, fits.selection.seed)
-    ) > CONFIRMATION.level:
+    elif (p_value := split_p_value(finding.suspect, fits.search, fits.selection.seed)) > LEVEL:
         found.append(
             f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
         )

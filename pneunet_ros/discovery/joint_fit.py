@@ -14,7 +14,7 @@ from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.proposed_effect import effect_class, Parameter, POSITION
 from pneunet_ros.discovery.search import Search
-from pneunet_ros.discovery.settings import IDLE, LAW, MOST_TERMS, PLACE, ROUNDS
+from pneunet_ros.discovery.settings import HELD, IDLE, LAW, MOST_TERMS, ROUNDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,7 +85,7 @@ class JointFits:
         if kind.positions is None:
             return self.lengthened(self.fit(kind, (CONSTANT,), start))
         low, high = kind.positions
-        steps = np.arange(PLACE.held) + 0.5
+        steps = np.arange(HELD) + 0.5
         held = [
             self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), hold_position=True)
             for position in (low + steps / steps.size * (high - low)).tolist()

@@ -15,6 +15,8 @@ REFINEMENTS = 3  # halvings of the distance between positions
 MOST_TERMS = 3  # of a law
 IDLE = 3.0  # std of a term that may be left out
 PERIOD_COST = 5.0  # log probability, that the search over periods finds by chance
+HELD = 4  # places at which a constant cause is fitted before its place is free
+LEVEL = 1e-4  # p-value of the law of one half of the recordings in the other half
 ROUNDS = 2  # of fitting a law to the residuals of the last one
 
 
@@ -44,7 +46,7 @@ class LawSettings:
         source='sweep',
     )
     fewest_cycles: float = tuning(
-        2.5, 'periods in the longest recording, at least', source='invented'
+        2.5, 'periods in the longest recording, at least', source='sweep'
     )
     fewest_runs: int = tuning(
         3,
@@ -54,23 +56,9 @@ class LawSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceSettings:
-    """Settings of the search for the position of a cause."""
-
-    held: int = tuning(
-        4, 'places at which a constant cause is fitted before its place is free', source='invented'
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LawConfirmationSettings:
     """Settings of the tests that a law must pass to be reported."""
 
-    level: float = tuning(
-        1e-4,
-        'p-value of the law of one half of the recordings in the other half',
-        source='invented',
-    )
     least_share: float = tuning(
         0.3, 'share of what is left that a law explains at least', source='invented'
     )
@@ -103,7 +91,7 @@ class LawConfirmationSettings:
     )
 
 
-COVARIATES, LAW, PLACE = CovariateSettings(), LawSettings(), PlaceSettings()
+COVARIATES, LAW = CovariateSettings(), LawSettings()
 CONFIRMATION = LawConfirmationSettings()
 
 
@@ -113,7 +101,6 @@ class DiscoverySettings:
 
     covariates: CovariateSettings = COVARIATES
     law: LawSettings = LAW
-    place: PlaceSettings = PLACE
     confirmation: LawConfirmationSettings = CONFIRMATION
 
 
