@@ -33,10 +33,32 @@ SERVICE_NS = 1_000_000  # waiting for a service takes up to 35 us: 3 % of the ti
 # for this multiple of how long looking took, or that work since its last pause.
 LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
 POLL_NS, POLLS = 20_000_000, 4  # how often, and for how long, rclpy serves a node that is polled
+SAME_NS = 100_000  # by which clocks may have drifted apart; DDS takes as long
 PAUSE_NS = 1_000_000  # between two checks for more urgent messages: a check takes a tenth of this
 LONG_NS = 5_000_000  # after this time of a callback others are equally urgent: two usual frames
 Call = Callable[[], None]
 Result = TypeVar('Result')
+
+
+class SteadyTime:
+    """Converts arrival times of the wall clock to a clock that is never set.
+
+    The difference of the clocks is kept while it holds, so that messages keep their order.
+    """
+
+    def __init__(self) -> None:
+        self.difference_ns = 0
+
+    def monotonic(self, at_ns: int) -> int:
+        """Return a time (ns) of the wall clock, at most now, by the monotonic clock."""
+        before_ns, wall_ns, now_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        is_exact = now_ns - before_ns < SAME_NS  # else this thread was interrupted
+        if is_exact and abs(now_ns - wall_ns - self.difference_ns) > SAME_NS:
+            self.difference_ns = now_ns - wall_ns
+        return min(at_ns + self.difference_ns, now_ns)
+
+
+steady = SteadyTime()
 
 
 def never() -> bool:
@@ -89,10 +111,9 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
     def add(self, callback: Callable[..., None], message: Any, info: Mapping[str, int]) -> None:
         """Queue a received message."""
         # Not every middleware states when it received a message.
-        at_ns = info['received_timestamp'] or info['source_timestamp']
-        age_ns = max(time.time_ns() - at_ns, 0)  # a clock that is set must not hold messages back
+        at_ns = steady.monotonic(info['received_timestamp'] or info['source_timestamp'])
         call = partial(callback, message, info)
-        self.order.add(self.topic, time.monotonic_ns() - age_ns, header_stamp(message), call)
+        self.order.add(self.topic, at_ns, header_stamp(message), call)
 
 
 class Queue:
