@@ -25,12 +25,12 @@ class ShapeEstimate:
     relative to the domain of the model. gravity: as measured, along x and y, in g; None: as in the
     model.
 
-    noise (sources, causes): noise input matrix; curved: second-order effects, including the
-    linearization. Covariance and standard deviations follow from both, which are kept to avoid
-    linearizing again. noise excludes the age of the wrench and
-    the additional model error outside the domain. motion: of the
-    arm, None if the model has no `motion`; with motion, shape and standard deviations are those of
-    the moving arm, but jacobian, noise and curved are those of its equilibrium.
+    noise (sources, causes): noise input matrix, without the age of the wrench and the additional
+    model error outside the domain; curved: second-order effects, including the linearization.
+    Covariance and standard deviations follow from both, which are kept to avoid linearizing again.
+    motion: of the arm, None if the model has no `motion`; with motion, shape and standard
+    deviations are those of the moving arm, but jacobian, noise and curved are those of its
+    equilibrium.
     """
 
     stamp_ns: int
