@@ -22,12 +22,12 @@ from typing import Any
 import pneunet_ros
 from pneunet_ros.cli.main import parser, VERBS
 from pneunet_ros.cli.verbs.effects import PLACES
-from pneunet_ros.core.reasons import REASONS
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import MOMENT_LAWS
 from pneunet_ros.model.uncertainty import SensorNoise
+from reasons import REASONS
 
 GENERATED = 'generated'
 # Not the folder above the pages: rosdoc2 builds a copy of them elsewhere.

@@ -21,7 +21,7 @@ LONGEST_SENTENCE = 2_000  # characters; a sentence may quote megabytes of a file
 class PneunetError(Exception):
     """Base of all errors of this package; its text is one sentence for the user.
 
-    `reason` is the machine-readable cause, as in a `Refusal` (meanings: `reasons.REASONS`); it may
+    `reason` is the machine-readable cause, as in a `Refusal` (meanings: docs/reasons.py); it may
     be empty. A sentence that is too long is shortened in the middle.
     """
 

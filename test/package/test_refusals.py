@@ -5,11 +5,12 @@ from __future__ import annotations
 import ast
 from functools import cache
 from pathlib import Path
+import runpy
 
 import pneunet_ros
-from pneunet_ros.core.reasons import REASONS
 
 PACKAGE = Path(pneunet_ros.__file__).parent
+REASONS = runpy.run_path(str(Path(__file__).resolve().parents[2] / 'docs/reasons.py'))['REASONS']
 ERRORS = {'RequestError', 'ModelError', 'CameraError', 'MessageError', 'RecordingError'}
 BY_PLACE = {
     'drop',
@@ -21,11 +22,10 @@ BY_PLACE = {
 
 @cache
 def trees() -> dict[str, ast.Module]:
-    """Return what every file of the package holds, but for the list itself."""
+    """Return what every file of the package holds."""
     return {
         str(path.relative_to(PACKAGE)): ast.parse(path.read_text(encoding='utf-8'))
         for path in sorted(PACKAGE.rglob('*.py'))
-        if path.name != 'reasons.py'
     }
 
 
