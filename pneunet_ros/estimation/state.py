@@ -50,61 +50,24 @@ class EstimatorState:
 
     def with_wrench(self, wrench: WrenchReading, keep: bool = False) -> EstimatorState:
         """Return the state after an end wrench in the base frame; keep: for the motion."""
-        return EstimatorState(
-            pressure_stamp_ns=self.pressure_stamp_ns,
-            history_ns=self.history_ns,
+        return replace(
+            self,
             wrench=wrench,
             earlier=self.wrench,
-            history=self.history,
-            solution=self.solution,
-            moving=self.moving,
             passed=(*self.passed, wrench) if keep else self.passed,
-            estimates=self.estimates,
-            resets=self.resets,
-            rejected=self.rejected,
-            before=self.before,
-            watch=self.watch,
-            gravity=self.gravity,
         )
 
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
         """Return the state after a pressure reading without an estimate."""
-        return EstimatorState(
-            pressure_stamp_ns=stamp_ns,
-            history_ns=stamp_ns,
-            wrench=self.wrench,
-            earlier=self.earlier,
-            history=history,
-            moving=self.moving,
-            passed=self.passed,
-            estimates=self.estimates,
-            resets=self.resets,
-            rejected=self.rejected,
-            before=self.before,
-            watch=self.watch,
-            gravity=self.gravity,
+        return replace(
+            self, pressure_stamp_ns=stamp_ns, history_ns=stamp_ns, history=history, solution=None
         )
 
     def watch_pressure(
         self, reading: PressureReading, arm: Arm, settings: EstimatorSettings
     ) -> EstimatorState:
         """Return the state after checking unit, reference and sign of a pressure reading."""
-        return EstimatorState(
-            pressure_stamp_ns=self.pressure_stamp_ns,
-            history_ns=self.history_ns,
-            wrench=self.wrench,
-            earlier=self.earlier,
-            history=self.history,
-            solution=self.solution,
-            moving=self.moving,
-            passed=self.passed,
-            estimates=self.estimates,
-            resets=self.resets,
-            rejected=self.rejected,
-            before=self.before,
-            watch=self.watch.after(reading, arm, settings),
-            gravity=self.gravity,
-        )
+        return replace(self, watch=self.watch.after(reading, arm, settings))
 
     def with_impossible(self, stamp_ns: int) -> EstimatorState:
         """Return the state after an impossible pressure reading, which is only counted."""
@@ -118,21 +81,15 @@ class EstimatorState:
         moving: MovingState | None = None,
     ) -> EstimatorState:
         """Return the state after an estimate, whose branch the next one follows."""
-        return EstimatorState(
+        return replace(
+            self,
             pressure_stamp_ns=stamp_ns,
             history_ns=stamp_ns,
-            wrench=self.wrench,
-            earlier=self.earlier,
             history=history,
             solution=solution,
             moving=moving,
             passed=() if moving is None or self.wrench is None else (self.wrench,),
             estimates=self.estimates + 1,
-            resets=self.resets,
-            rejected=self.rejected,
-            before=self.before,
-            watch=self.watch,
-            gravity=self.gravity,
         )
 
     def fresh(self) -> EstimatorState:
