@@ -33,21 +33,15 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.batch import predict_nodes
 from pneunet_ros.model.equilibrium import changes_on_mesh, linearized_ends
 from pneunet_ros.model.perturbation import with_pressure_change
-from pneunet_ros.solver.batch import newton_batch
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.branches.energy_descent import loaded_guess
 from pneunet_ros.solver.collocation import newton, prepare
 from pneunet_ros.solver.columns import (
     CLAMP_ANGLE,
     CLAMP_COMPLIANCE,
-    CLAMP_WIDTH,
-    END_WIDTH,
-    END_X,
     LOAD_OFFSET,
-    NODE_MOMENT,
     PANEL_WIDTH,
     START,
 )
@@ -57,7 +51,6 @@ from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root_scalar
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
-from pneunet_ros.solver.settings import BATCH_ITERATIONS, BATCH_TOLERANCE
 from support.example_arms import Row, TABLE_1
 
 MECHANICS = {
@@ -311,64 +304,6 @@ class Case:
         }
 
 
-class Batch:
-    """1000 rods around one row of Table 1, all at once and one by one."""
-
-    def __init__(self, case: Case, rods: int = 1000) -> None:
-        random = np.random.default_rng(1)
-        pressure = case.pressure + random.uniform(-500.0, 500.0, rods)
-        records = case.arm.rods(pressure)
-        ends = np.zeros((rods, END_WIDTH))
-        ends[:, :CLAMP_WIDTH] = records.clamp
-        loads = ends[:, END_X:]
-        loads[:, :2] = case.force * random.uniform(0.98, 1.02, (rods, 2))
-        self.rods = rods
-        solution = case.shape.solution
-        counts = np.array(solution.counts)
-        self.batch = records, loads.copy(), counts
-        self.record = (
-            case.arm.length, records.sections, records.knots, records.rotation, ends, counts
-        )  # fmt: skip
-        self.known = np.broadcast_to(solution.nodes, (rods, *solution.nodes.shape)).copy()
-        causes = np.column_stack([loads, pressure])
-        self.predicted = predict_nodes(case.arm, case.shape, causes)
-        self.many, self.one = np.empty_like(self.predicted), np.empty_like(self.known)
-        self.residual = np.empty(rods)
-
-    def together(self) -> float:
-        """Seconds per rod, all at once, as `solve_many` does it: from the known rod's tangent."""
-        return best_of(
-            lambda: newton_batch(
-                *self.batch,
-                self.predicted,
-                BATCH_ITERATIONS,
-                BATCH_TOLERANCE,
-                self.many,
-                self.residual,
-            ),
-            self.rods,
-        )
-
-    def disagreement(self) -> float:
-        """Return the largest difference of an angle between both ways, rad."""
-        together = self.many.T.reshape(self.one.shape)
-        return float(np.abs(together - self.one)[:, :-1, :NODE_MOMENT].max())
-
-    def one_by_one(self) -> float:
-        """Seconds per rod, one after the other, from the known rod."""
-        return best_of(lambda: one_by_one(*self.record, self.known, self.one), self.rods)
-
-
-@kernel
-def one_by_one(length, sections, knots, rotation, ends, counts, starts, out):
-    """Solve the rods of a batch by the single solver."""
-    panels = np.empty((starts.shape[1] - 1, PANEL_WIDTH))
-    for rod in range(ends.shape[0]):
-        out[rod] = starts[rod]
-        prepare(length, sections[rod], knots, rotation[rod], ends[rod], counts, panels)
-        newton(panels, ends[rod], out[rod], 25, 1e-13)
-
-
 def measure(arm: Arm, repeats: int) -> dict[str, object]:
     """Medians, ratios and errors for one arm over Table 1."""
     cases = [Case(arm, row) for row in TABLE_1[1:]]
@@ -393,20 +328,12 @@ def measure(arm: Arm, repeats: int) -> dict[str, object]:
             }
             for name, (above, below) in pairs.items():
                 ratios.setdefault(name, []).append(seconds[above] / seconds[below])
-    batch = Batch(cases[len(cases) // 2])
-    for repeat in range(repeats + 1):
-        together, alone = batch.together(), batch.one_by_one()
-        if repeat:
-            times.setdefault('batch of 1000, per rod', []).append(together)
-            times.setdefault('one by one, per rod', []).append(alone)
-            ratios.setdefault('one by one / batch', []).append(alone / together)
     errors = [case.errors() for case in cases]
     return {
         'median_us': {name: 1e6 * statistics.median(values) for name, values in times.items()},
         'ratio': {name: statistics.median(values) for name, values in ratios.items()},
         'tip_error_m': {name: max(row[name] for row in errors) for name in errors[0]},
         'worst_residual_rad': max(case.shape.residual for case in cases),
-        'batch_disagreement_rad': batch.disagreement(),
     }
 
 
@@ -431,7 +358,6 @@ TARGETS = {
     'solve_bvp 1e-3 / solve() once': ('>=', 25.0, 25.0),
     'solve_bvp 1e-3 / step': ('>=', 10.0, 10.0),
     'solve_bvp 1e-3 / step once': ('>=', 10.0, 10.0),
-    'one by one / batch': ('>=', 4.0, 4.0),
 }
 
 

@@ -25,7 +25,6 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import steady_inputs
 from pneunet_ros.messages.builders import image
 from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
-from pneunet_ros.model.batch import solve_many
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.motion import Motion
@@ -70,7 +69,7 @@ def play(folder: Path) -> None:
 
 
 def estimate(folder: Path) -> None:
-    """Replay a recording with targets; solve for a given tip, and in a batch."""
+    """Replay a recording with targets; solve for a given tip."""
     arm = load_model(share_path('config/paper_arm.yaml'))
     estimator = Estimator(arm=arm)
     recording = open_recording(folder / f'{RECORDING}.mcap')
@@ -84,8 +83,6 @@ def estimate(folder: Path) -> None:
     shape = solve(arm, 31e3, (0.175, 0.07))
     solve_tip(arm, 31e3, shape.tip[:2])
     BoundaryValueProblem(arm.rods(np.array([31e3])), (0.1, 0.1), 0.0).continue_in_load()
-    pressures = np.linspace(0.0, 60e3, 8)
-    solve_many(arm, pressures, np.full((8, 2), 0.05), start=shape)
 
 
 def track(folder: Path) -> None:

@@ -21,8 +21,6 @@ NEWTON_ITERATIONS = 25
 MOST_PANELS = 400  # of a mesh: it ends the halving of panels that rounding keeps from converging
 TURNED = 1e-10  # rad, between a push and the normal of the arm: as exact as ACCEPTED
 FRAME_ITERATIONS = 12  # most steps of Newton's method from a neighbor: else it starts anew
-BATCH_ITERATIONS = 8  # the same, for all rods of a batch
-BATCH_TOLERANCE = 1e-11  # rad; sum of residuals that a batch aims at, beyond rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

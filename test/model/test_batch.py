@@ -34,7 +34,7 @@ def loads(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize('effects', [(), MECHANICS], ids=['bare', 'mechanics'])
 def test_each_rod_is_the_one_solved_alone(effects) -> None:
     arm = replace(ARM, effects=effects)
-    pressure, force, moment = loads(70)  # several blocks, the last one not full
+    pressure, force, moment = loads(70)
     shapes = solve_many(
         arm, pressure, force, moment, start=solve(arm, 31e3, (0.175, 0.07)), stations=23
     )
