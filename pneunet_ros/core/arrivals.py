@@ -1,7 +1,8 @@
 """Processing order of messages, identical for nodes and recordings.
 
-Messages are processed in order of arrival (for a recording: of log time). Simultaneous messages
-are processed in the order of ties: inputs of an estimate before the pressure, which triggers it.
+Messages are processed in order of arrival (for a recording: of log time), simultaneous ones in
+order of their stamps, and those of one stamp in the order of ties: inputs of an estimate before
+the pressure, which triggers it.
 
 A driver that stamps several topics with the same time publishes them one after the other, in any
 order. As long as the messages of a topic have the same stamps as the pressures, each pressure
@@ -26,12 +27,12 @@ EARLIEST = 0.75  # share of the last interval of a topic before which no message
 
 
 class Arrival(NamedTuple, Generic[Item]):
-    """A message that has arrived; tie, number: its rank among simultaneous messages."""
+    """A message that has arrived; tie, number: its rank among messages of one stamp."""
 
     at_ns: int
+    stamp_ns: int
     tie: int
     number: int
-    stamp_ns: int
     item: Item
 
 
@@ -85,9 +86,9 @@ class ArrivalOrder(Generic[Item]):
 
     def add(self, topic: str, at_ns: int, stamp_ns: int, item: Item) -> None:
         """Add a message that arrived at `at_ns`; stamp_ns of its header, 0 if it has none."""
-        arrival = Arrival(at_ns, self.topics.index(topic), self._count, stamp_ns, item)
+        arrival = Arrival(at_ns, stamp_ns, self.topics.index(topic), self._count, item)
         self._count += 1
-        insort(self._waiting, arrival, key=lambda one: one[:3])
+        insort(self._waiting, arrival, key=lambda one: one[:4])
 
     def take(self, until_ns: float) -> Iterator[Item]:
         """Yield the due messages in order; all arrivals up to `until_ns` have been added."""

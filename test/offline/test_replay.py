@@ -225,12 +225,31 @@ def test_readings_follow_their_log_time_not_their_place_in_the_file(tmp_path):
     assert sum(isinstance(step.outcome, ShapeEstimate) for step in forth) == 5
 
 
+@pytest.mark.parametrize('unit_ns', [5 * STEP_NS, 10**12])
+def test_messages_of_one_log_time_follow_their_stamps(tmp_path, unit_ns):
+    record(tmp_path / 'fine.mcap', readings())
+    coarse = [
+        (topic, log_time // unit_ns * unit_ns, message) for topic, log_time, message in readings()
+    ]
+    record(tmp_path / 'coarse.mcap', coarse)
+    outcomes = [
+        [step.outcome for step in replayed(path, path.with_suffix('.out.mcap'))]
+        for path in (tmp_path / 'fine.mcap', tmp_path / 'coarse.mcap')
+    ]
+    tips = [
+        [(one.stamp_ns, *one.shape.tip) for one in some if isinstance(one, ShapeEstimate)]
+        for some in outcomes
+    ]
+    assert tips[0] == tips[1]
+    assert len(tips[0]) == len(PRESSURES) - len(REFUSED)
+
+
 def test_a_message_that_is_no_reading_is_counted_and_the_replay_goes_on(tmp_path):
     spoiled = list(readings())
     spoiled[2][2].header.stamp.nanosec = 2_000_000_000
     record(tmp_path / 'in.mcap', spoiled)
     seen = replayed(tmp_path / 'in.mcap', tmp_path / 'out.mcap')
-    refusal = seen[3].outcome
+    refusal = seen[2].outcome
     assert (refusal.reason, refusal.error) == ('unreadable', False)
     assert 'nanosec = 2000000000' in refusal.sentence
     assert seen[-1].state.rejected['unreadable'] == 1
