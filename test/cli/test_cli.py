@@ -291,6 +291,8 @@ def test_predict_without_a_force_is_the_unloaded_arm(run_json):
     _, answer = run_json('predict', '--pressure', '31e3')
     assert answer['force'] == [0.0, 0.0]
     np.testing.assert_allclose(answer['curvature'], answer['intrinsic_curvature'], atol=1e-9)
+    of_pressure = ARM.sensors.pressure_std * np.abs(answer['jacobian'])[:, 0]
+    assert list(answer['tip_std'].values()) == pytest.approx(of_pressure, rel=1e-4)
 
 
 @pytest.mark.parametrize(

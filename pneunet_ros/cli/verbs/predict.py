@@ -21,6 +21,7 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.measured_tip import with_measured_tip
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.errors.noise_jacobian import true_load
 from pneunet_ros.measurement.errors.noise_model import measured_tip_std
@@ -213,7 +214,8 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
     if position.reason:
         failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
         return Prediction(shape=replace(failed, extrapolated=True))
-    estimator = Estimator(arm=arm)
+    loaded = bool(arguments.force or arguments.moment or arguments.string or arguments.tip)
+    estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=loaded))
     estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
     if arguments.string and estimate is not None:
         thread = string_of('--string', arguments.string)
