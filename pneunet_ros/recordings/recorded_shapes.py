@@ -11,6 +11,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.shape_error import Centerlines, Pressures, ShapeSeries, Tips
@@ -117,7 +118,16 @@ def read_measured(
     topics = find_recorded(recording, (TARGETS, TIP_POSE), overrides)
     centerlines = tips = None
     sentences = [*recording.sentences]
-    frame = first_frame(recording, topics[TARGETS.name]) if TARGETS.name in topics else BASE_FRAME
+    frames = {name: first_frame(recording, topic) for name, topic in topics.items()}
+    frame = next(iter(frames.values()), BASE_FRAME)  # that of the targets, if there are any
+    if frames.get(TIP_POSE.name, frame) != frame:
+        sentences.append(
+            Note(
+                f'{topics.pop(TIP_POSE.name)} was left out: it is in the frame '
+                f'{frames[TIP_POSE.name]}, and the targets are in {frame}',
+                reason='wrong_frame',
+            )
+        )
     settings = EstimatorSettings(frame_id=frame)
     series = read_series(recording, topics, settings, target_arclength.size)
     for item in series.values():

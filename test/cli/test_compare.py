@@ -293,6 +293,24 @@ def test_a_measured_pose_of_the_tip_against_a_truth(tmp_path, stamps, truth, run
     assert answer['comparisons'][0]['tip']['heading']['max'] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_pose_of_the_tip_in_another_frame_is_not_compared(
+    tmp_path, stamps, truth, run_json, run
+):
+    def pose(frame, stamp):
+        return tip_pose_message(stamp, np.zeros(3), 'world', ROSBAGS_TYPES)
+
+    poses = [('/mocap/tip_pose', TIP_POSE.type, pose)]
+    both = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT), stamps, poses)
+    _, answer = run_json('compare', both, truth)
+    assert answer['comparisons'][0]['tip']['topics']['of'] == '/pneunet/targets'
+    assert 'in the frame world' in ' '.join(answer['comparisons'][0]['sentences'])
+    with write_recording(tmp_path / 'b.mcap') as writer:
+        topic = writer.add(*poses[0][:2])
+        for frame, stamp in enumerate(stamps):
+            writer.write(topic, stamp, pose(frame, stamp))
+    assert refusal(run('compare', tmp_path / 'b.mcap', truth, '--json')) == 'wrong_frame'
+
+
 def test_recordings_without_a_common_stamp_are_a_negative_answer(tmp_path, stamps, truth, run):
     late = [stamp + 100 * SECOND for stamp in stamps]
     a = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT), late)
