@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import quantities
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 import scipy
@@ -24,6 +23,9 @@ STATIONS = 101  # places along the arm for means over it
 ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
 TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
+# False alarm per fleet of equal arms, and that below which an arm is left out of the center;
+# convention.
+LEVEL = 0.01
 # Invented: no figure of acceptance/sweep.py contains a fleet.
 DRAWS = 400  # simulated fleets for the threshold
 FEWEST_COMPARED = 12  # arms with a known value, for a comparison
@@ -32,21 +34,6 @@ REACHED = 0.75  # share of the arms that reach the pressure of the comparison
 SHRUNK = 0.1  # of correlations by medians, which are poor with few arms
 LEAST_SCATTER = 0.3  # error bars, of the initial scatter
 EVEN = 1e-4  # of the curvature: a spread along an arm that counts as zero
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FleetSettings:
-    """Criteria for outliers."""
-
-    level: float = tuning(
-        0.01,
-        'false-alarm probability per fleet of equal arms, and that below which an arm is left out '
-        'of the center',
-        source='convention',
-    )
-
-
-FLEET = FleetSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +84,7 @@ class Fleet:
     def odd(self) -> tuple[int, ...]:
         """Indices of the outliers, the largest first."""
         order = np.argsort(self.log_chance, kind='stable').tolist()
-        return tuple(index for index in order if self.p_values[index] <= FLEET.level)
+        return tuple(index for index in order if self.p_values[index] <= LEVEL)
 
     @property
     def deviations(self) -> Array:
@@ -133,7 +120,7 @@ class Fleet:
             f'{self.stds[arm, which]:.2g}{unit}, the others have {self.center[which]:.4g} ± '
             f'{self.scatter[which]:.2g}{unit}'
         )
-        if abs(self.deviations[arm, which]) < scipy.stats.norm.isf(0.5 * FLEET.level):
+        if abs(self.deviations[arm, which]) < scipy.stats.norm.isf(0.5 * LEVEL):
             sentence += ' (no single number is unusual, but all of them together are)'
         return sentence
 
@@ -291,7 +278,7 @@ def distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
     center, scatter = robust_start(values, covariance)
     chance = log_chance(values, covariance, center, scatter)
     half = np.nanmedian(chance, axis=1, keepdims=True)
-    counted = chance >= np.minimum(np.log(FLEET.level), half)  # NaN is not
+    counted = chance >= np.minimum(np.log(LEVEL), half)  # NaN is not
     for _ in range(ROUNDS):
         center, scatter = next_estimate(values, covariance, center, scatter, counted)
     return center, scatter, log_chance(values, covariance, center, scatter)

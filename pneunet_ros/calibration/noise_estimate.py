@@ -43,10 +43,12 @@ STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('t
 STEPPED = (('pressure', 'Pa'), ('force', 'N'), ('moment', 'N m'))
 SMALLEST = 1e-9  # smallest estimated standard deviation
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+# Lengths, least noise of targets: those at rest are repeated by a lossy film, and show none.
+# Measured: 5e-6 where a film has 4e-5; rounded up.
+LEAST_TARGET = 1e-4
 FEWEST_TARGETS = 8  # for a placement
 FREEDOM = 3  # targets in excess of the coefficients of the polynomial, at least
 FEWEST_LEVELS = 12  # of readings in visible steps
-# Halved or doubled, this moves no figure of acceptance/sweep.py.
 CORRELATED = 0.3  # neighboring targets at rest, from which their noise counts as common
 REPEATS = 0.2  # share of readings in steps that repeat the last one
 OFF_GRID = 0.1  # of a step: decimals are rounded
@@ -90,9 +92,9 @@ def estimate_noise(
     white, source = noise_of_targets(runs, arclength, assumed.target_std)
     found['target_std'] = None if source == ASSUMED else white, source
     heading = found['heading_std'][0]
-    if heading is not None and heading < NOISE_ESTIMATE.least_target:
-        words = f'{NOISE_ESTIMATE.least_target:g} rad, as of targets a length apart'
-        found['heading_std'] = NOISE_ESTIMATE.least_target, f'{words}: {REPEATED}'
+    if heading is not None and heading < LEAST_TARGET:
+        words = f'{LEAST_TARGET:g} rad, as of targets a length apart'
+        found['heading_std'] = LEAST_TARGET, f'{words}: {REPEATED}'
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
     correlated_targets, correlation = correlation_at_rest(runs, pressure_std)
@@ -325,12 +327,12 @@ def noise_of_targets(
     """Return the standard deviation (m) of white noise of targets with rounding, and its source.
 
     arclength (targets,) m; assumed (m): used if the recordings do not determine it. The noise is
-    at least `least_target` of the length.
+    at least `LEAST_TARGET` of the length.
     """
-    least = NOISE_ESTIMATE.least_target * (float(arclength[-1]) if arclength.size else 0.0)
+    least = LEAST_TARGET * (float(arclength[-1]) if arclength.size else 0.0)
     white, source = target_noise(runs), 'second differences of target positions in time'
     if white is not None and white < least:
-        white, source = least, f'{NOISE_ESTIMATE.least_target:g} of the length: {REPEATED}'
+        white, source = least, f'{LEAST_TARGET:g} of the length: {REPEATED}'
     columns = [column for run in runs for values in (run.x, run.y) for column in values.T]
     step = resolution_of([column[np.isfinite(column)] for column in columns])
     coarse, sentence = with_step(white, assumed, step, 'm')

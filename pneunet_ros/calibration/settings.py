@@ -48,12 +48,6 @@ class SameArmSettings:
     others_fit: float = tuning(
         1.5, 'chi squared per coordinate of the others then, at most', source='sweep'
     )
-    noisy_pressure: float = tuning(
-        0.018,
-        'noise of the pressure beyond which it biases the fit',
-        unit='of the range',
-        source='virtual lab: kappa_p0 is off by 1.4 standard errors rms at 0.015, 2.2 at 0.023',
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,12 +68,6 @@ class NoiseEstimateSettings:
     )
     even: float = tuning(
         1.5, 'largest mean over targets in a steady motion', unit='sigma', source='sweep'
-    )
-    least_target: float = tuning(
-        1e-4,
-        'least noise of targets: a lossy film repeats resting targets, which then show no noise',
-        unit='length',
-        source='measured: 5e-6 where a film has 4e-5; rounded up',
     )
     blocks: int = tuning(
         8, 'blocks of a run whose means show the drift of the camera', source='sweep'
@@ -147,9 +135,6 @@ class ResolutionSettings:
     )
     nonuniform_rest: float = tuning(
         0.05, 'std of the rest curvature along the arm', unit='1/length', source='sweep'
-    )
-    nonuniform_scale: float = tuning(
-        0.3, 'correlation length of both', unit='length', source="the paper's arm, about"
     )
 
 
@@ -248,11 +233,6 @@ class StiffnessVariationSettings:
     expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='sweep')
     significant: float = tuning(
         100.0, 'reduction of chi squared, beyond noise, for a variation to count', source='sweep'
-    )
-    most_nees: float = tuning(
-        0.3,
-        'largest contribution to the NEES of the tip, of 2 coordinates',
-        source='half of what the mean of tips that are covered well enough, 2.6, is beyond 2',
     )
 
 

@@ -8,11 +8,11 @@ import numpy as np
 from pneunet_ros.calibration.noise_estimate import ASSUMED as NOT_OBSERVED
 from pneunet_ros.calibration.noise_estimate import (
     estimate_noise,
+    LEAST_TARGET,
     resolution_of,
     resting_series,
     second_differences,
 )
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -363,7 +363,7 @@ def test_a_tracker_that_repeats_a_pose_is_not_taken_for_exact():
     frames = len(run.stamp_ns)
     stuck = np.full((frames, 3), [0.11, 0.0, 0.0]) + 1e-12 * np.arange(frames)[:, None] ** 2
     found = estimate_noise([replace(run, tip_pose=stuck)], arm.target_arclength, arm.sensors)
-    assert found.noise.heading_std == NOISE_ESTIMATE.least_target
+    assert found.noise.heading_std == LEAST_TARGET
 
 
 def test_a_load_that_several_frames_share_is_read_once():

@@ -10,9 +10,8 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.checks.stiffness_variation import describe_variation
+from pneunet_ros.calibration.checks.stiffness_variation import describe_variation, MOST_NEES
 from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.settings import STIFFNESS_VARIATION
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
@@ -138,7 +137,7 @@ def test_a_stiffness_that_falls_along_the_arm_is_seen_where_chi_squared_is_noise
 def test_what_is_written_holds_the_tips_of_such_an_arm():
     found = calibrated(0.5)
     variation, joint = found.variation, found.joint
-    tips, most = variation.tips, STIFFNESS_VARIATION.most_nees
+    tips, most = variation.tips, MOST_NEES
     assert tips.nees() > most
     further = tips.jacobian @ joint.covariance @ tips.jacobian.transpose(0, 2, 1) - tips.covariance
     assert tips.nees(further) == pytest.approx(most, rel=0.05)

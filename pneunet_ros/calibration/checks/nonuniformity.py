@@ -23,6 +23,9 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 
+# Lengths, correlation of both departures: of the paper's arm, about. No figure of
+# acceptance/sweep.py moves when it is halved or doubled.
+SCALE = 0.3
 ROUNDING = 1e-12  # relative increase of a variance, so that it can be inverted
 STATIONS, MODES = 41, 4  # for the linear part of a smooth departure along the arm
 
@@ -107,14 +110,12 @@ def departure_prior(parameters: Parameters, values: Array, settings: ResolutionS
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
     rest = settings.nonuniform_rest / parameters.frame.length
     amplitude = settings.nonuniform**2 * np.outer(mean, mean) + rest**2
-    return np.asarray(
-        np.kron(amplitude, correlation(parameters.arclength, settings.nonuniform_scale))
-    )
+    return np.asarray(np.kron(amplitude, correlation(parameters.arclength, SCALE)))
 
 
 def linear_departure(settings: ResolutionSettings) -> float:
     """Return one sigma of the linear departure at the tip, relative to the mean curvature."""
     arclength = np.linspace(0.0, 1.0, STATIONS)
     linear = np.linalg.pinv(legendre.legvander(2.0 * arclength - 1.0, MODES - 1))[1]
-    variance = linear @ correlation(arclength, settings.nonuniform_scale) @ linear
+    variance = linear @ correlation(arclength, SCALE) @ linear
     return settings.nonuniform * float(np.sqrt(variance))

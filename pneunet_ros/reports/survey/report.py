@@ -7,8 +7,7 @@ import shlex
 from typing import Any
 
 import numpy as np
-from pneunet_ros.calibration.fleet import FEWEST_COMPARED, FLEET
-from pneunet_ros.core.settings import settings_used
+from pneunet_ros.calibration.fleet import FEWEST_COMPARED, LEVEL
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.reports.calibration.tables import flat
@@ -32,7 +31,7 @@ def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, A
         next_step=next_step,
         command=command,
         fleet=data.fleet,
-        level=FLEET.level,
+        level=LEVEL,
         effects=effects_sentence(data),
         rare=rare_sentences(data),
         failed=[item for item in data.arms if item.failed],
@@ -89,7 +88,7 @@ def certainty(data: SurveyData) -> str:
     if compared:
         text = (
             f'{compared} of {done} arms are compared, with their error bars; in '
-            f'{100.0 * FLEET.level:g} % of fleets of similar arms, one is called odd by chance.'
+            f'{100.0 * LEVEL:g} % of fleets of similar arms, one is called odd by chance.'
         )
     held_out = sum(item.held_out for item in data.done)
     return f'{text} Model errors of {held_out} of {done} arms are from held-out recordings.'
@@ -183,7 +182,6 @@ def survey_content(data: SurveyData, provenance: Mapping[str, Any]) -> dict[str,
                 for which, number in enumerate(fleet.numbers)
             ],
             'arms': arms,
-            'settings': settings_used(FLEET),
             **provenance,
         }
     )
