@@ -29,7 +29,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import Columns, Projection
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.law import Cause, choose_law
-from pneunet_ros.discovery.settings import DISCOVERY
+from pneunet_ros.discovery.settings import FINALISTS
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
@@ -318,7 +318,7 @@ def one_trial(system: System, seed: int) -> dict[str, Any]:
     laws = [choose_law(item, training) for item in causes]
     known = sorted((law for law in laws if law is not None), key=lambda law: -law.left_out_gain)
     found = []
-    for law in known[: DISCOVERY.confirmation.finalists]:
+    for law in known[:FINALISTS]:
         own = forces[law.cause.kind.name]
         terms = [own[name] for name in law.terms]
         joint = fitted(measured, force, system, base.linear, terms, law.coefficients, law.std)

@@ -27,7 +27,13 @@ from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
 from pneunet_ros.diagnosis.fit.refit import refit
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SCORE_TEST, SELECTION
+from pneunet_ros.diagnosis.settings import (
+    DEFAULTS,
+    DiagnosisSettings,
+    LEAST_EVIDENCE,
+    SCORE_TEST,
+    SELECTION,
+)
 from pneunet_ros.diagnosis.usable_frames import at_rest, with_tips
 from pneunet_ros.diagnosis.verdict import Verdict
 from pneunet_ros.discovery.covariates import ELAPSED
@@ -173,8 +179,8 @@ class Engine:
             better = [
                 item
                 for item in fitted
-                if item.record.over(trial.record).evidence > SELECTION.least_evidence
-                and item.record.evidence - trial.record.evidence > SELECTION.least_evidence
+                if item.record.over(trial.record).evidence > LEAST_EVIDENCE
+                and item.record.evidence - trial.record.evidence > LEAST_EVIDENCE
             ]
             if not better:
                 break
@@ -216,7 +222,7 @@ class Engine:
         best = place.best
         if best.strongest is None:
             return False
-        least = SELECTION.least_evidence
+        least = LEAST_EVIDENCE
         return best.weights[best.strongest] > least
 
 

@@ -19,7 +19,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.fit.hypothesis import carries_time
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LACK_OF_FIT, SELECTION
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LACK_OF_FIT, LEAST_EVIDENCE
 from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
@@ -161,7 +161,7 @@ class Confirmer:
         """Object if uneven bending between targets explains the data without an effect."""
         if record.nonuniform is None or self.base.nonuniform is None:
             return ()
-        if record.nonuniform - self.base.nonuniform >= SELECTION.least_evidence:
+        if record.nonuniform - self.base.nonuniform >= LEAST_EVIDENCE:
             return ()
         share = self.settings.calibration.resolution.nonuniform
         return (

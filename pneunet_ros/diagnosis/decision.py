@@ -11,7 +11,7 @@ from pneunet_ros.diagnosis.confirmation import Confirmer
 from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import Added, evidence_margin, Record, Selection, Trial
-from pneunet_ros.diagnosis.settings import DEFAULTS, SELECTION
+from pneunet_ros.diagnosis.settings import DEFAULTS, LEAST_EVIDENCE
 from pneunet_ros.diagnosis.verdict import closest_set, Verdict
 
 
@@ -67,7 +67,7 @@ def passes_alike(rival: Record, best: Record) -> bool:
         return False
     most, other = comparable([best, rival])
     least = most.evidence - evidence_margin(most.evidence)
-    return other.evidence > least or other.gain > most.gain - 2.0 * SELECTION.least_evidence
+    return other.evidence > least or other.gain > most.gain - 2.0 * LEAST_EVIDENCE
 
 
 def comparable(records: Sequence[Record]) -> list[Added]:
@@ -86,7 +86,7 @@ def effect_probabilities(records: Sequence[Record], *, confirmed: bool = True) -
     """
     logs = np.array([item.evidence for item in comparable(records)])
     margin = evidence_margin(float(logs.max()))
-    weights = np.exp((logs - logs.max()) * SELECTION.least_evidence / margin)
+    weights = np.exp((logs - logs.max()) * LEAST_EVIDENCE / margin)
     known = DEFAULTS.confirmation
     weights *= (1.0 - (known.wrong if confirmed else known.unconfirmed)) / weights.sum()
     names = sorted({name for item in records for name in item.names})

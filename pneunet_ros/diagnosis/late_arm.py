@@ -34,7 +34,7 @@ from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestig
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.selection import Record, Trial
-from pneunet_ros.diagnosis.settings import SELECTION
+from pneunet_ros.diagnosis.settings import LEAST_EVIDENCE
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
@@ -82,7 +82,7 @@ def with_late_arm(
     row = evidence_of(moving.found.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
     found = replace(found, diagnosis=at_rest)
-    margin = SELECTION.least_evidence
+    margin = LEAST_EVIDENCE
     if gained < -margin:
         return found
     diagnosis = judged(found, moving, row, tested=bool(held_out))
@@ -114,7 +114,7 @@ def less_motion(
     that the search finds, as long as the recordings become more probable. Like any effect, inertia
     may leave a share of the misfit that the model without it has.
     """
-    margin = SELECTION.least_evidence
+    margin = LEAST_EVIDENCE
     allowed = MAY_LEAVE * found.base.record.excess
     swinging, moving, near, trial = unloaded(training), None, None, found.best
     try:

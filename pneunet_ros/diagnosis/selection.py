@@ -34,6 +34,7 @@ from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
     LAW_ERRORS,
+    LEAST_EVIDENCE,
     SCORE_TEST,
     SELECTION,
 )
@@ -271,7 +272,7 @@ class Selection:
         candidates = self.score_candidates(base)
         scores = dict.fromkeys(best.names, 0.0) | {item.name: item.gain for item in candidates}
         strongest = max(best.names, key=scores.__getitem__)
-        least = scores[strongest] - 2.0 * SELECTION.least_evidence
+        least = scores[strongest] - 2.0 * LEAST_EVIDENCE
         pairs = zip(best.refit.hypotheses, best.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != strongest]
         numbers = [item.numbers(effect) for item, effect in rest]
@@ -370,7 +371,7 @@ class Selection:
         The last one is also removed if its size does not differ significantly from zero.
         """
         while len(trial.names) > 1:
-            least = trial.record.evidence - SELECTION.least_evidence
+            least = trial.record.evidence - LEAST_EVIDENCE
             without = [self.leave_out(base, trial, name, least) for name in trial.names]
             kept = [item for item in without if item is not None]
             if not kept:
@@ -406,7 +407,7 @@ def choose_best(trial: Trial, extended: Sequence[Trial]) -> Trial | None:
     better = [
         item
         for item, added in over.items()
-        if added.evidence > SELECTION.least_evidence and added.gain > SELECTION.least_gain
+        if added.evidence > LEAST_EVIDENCE and added.gain > SELECTION.least_gain
     ]
     plausible = [item for item in better if item.record.plausible]
     if plausible:
@@ -495,4 +496,4 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
 
 def evidence_margin(evidence: float) -> float:
     """Return the significant difference of evidence, given that no law is exact."""
-    return max(SELECTION.least_evidence, LAW_EVIDENCE * evidence)
+    return max(LEAST_EVIDENCE, LAW_EVIDENCE * evidence)

@@ -15,6 +15,10 @@ from pneunet_ros.calibration.settings import (
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
 
+# Log probability that counts as evidence: strong, 20 to 1 (Kass and Raftery, 1995). No figure of
+# acceptance/sweep.py moves when it is halved or doubled.
+LEAST_EVIDENCE = 3.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseFitSettings:
@@ -145,12 +149,6 @@ class SelectionSettings:
     near: float = tuning(0.3, 'gain that makes a finalist', unit='of the best', source='sweep')
     least_gain: float = tuning(
         16.0, 'gain of an effect: four sigma', unit='chi squared', source='sweep'
-    )
-    least_evidence: float = tuning(
-        3.0,
-        'evidence that counts',
-        unit='log probability',
-        source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
     )
     most_left: float = tuning(
         0.5, 'excess that an effect more may leave', unit='of that before', source='invented'

@@ -42,7 +42,15 @@ from pneunet_ros.discovery.result import (
 )
 from pneunet_ros.discovery.search import Search, Suspect
 from pneunet_ros.discovery.sentence import drift_sentence, law_sentence, swing_sentence
-from pneunet_ros.discovery.settings import CONFIRMATION, GRID, LAW, LEVEL, REFINEMENTS
+from pneunet_ros.discovery.settings import (
+    CONFIRMATION,
+    FINALISTS,
+    GRID,
+    LAW,
+    LEVEL,
+    REFINEMENTS,
+    WORTH_A_FIT,
+)
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
@@ -151,7 +159,7 @@ def overrule(investigation: Investigation, on_progress: OnProgress) -> Discovery
     fits, named = joint_fits(investigation, first), trial.record
     suspects = fits.search.suspects()
     if not any(
-        item.left_out_gain > CONFIRMATION.worth_a_fit * named.evidence
+        item.left_out_gain > WORTH_A_FIT * named.evidence
         and item.law is not None
         and not is_equivalent_to(item.kind.name, item.law.terms, names)
         for item in suspects
@@ -269,8 +277,8 @@ def fit_finalists(
     means little: then more of them are fitted, also as constants.
     """
     findings = []
-    for index, suspect in enumerate(suspects[: CONFIRMATION.finalists]):
-        on_progress(f'joint fit of {suspect.kind.name}', index, CONFIRMATION.finalists)
+    for index, suspect in enumerate(suspects[:FINALISTS]):
+        on_progress(f'joint fit of {suspect.kind.name}', index, FINALISTS)
         law = measured_part(suspect)
         proposal = None if law is None else fits.propose(law)
         finding = finding_of(suspect, proposal, fits)

@@ -17,6 +17,8 @@ IDLE = 3.0  # std of a term that may be left out
 PERIOD_COST = 5.0  # log probability, that the search over periods finds by chance
 HELD = 4  # places at which a constant cause is fitted before its place is free
 LEVEL = 1e-4  # p-value of the law of one half of the recordings in the other half
+FINALISTS = 3  # kinds that are fitted jointly
+WORTH_A_FIT = 0.8  # of the evidence of a name: gain of a law, before any joint fit, to overrule it
 ROUNDS = 2  # of fitting a law to the residuals of the last one
 
 
@@ -62,19 +64,12 @@ class LawConfirmationSettings:
     least_share: float = tuning(
         0.3, 'share of what is left that a law explains at least', source='invented'
     )
-    finalists: int = tuning(3, 'kinds that are fitted jointly', source='invented')
     more_finalists: int = tuning(
         6, 'kinds that are fitted jointly if none of those passes', source='invented'
     )
     beside_named: float = tuning(
         0.1,
         'gain of a law beside a named effect, or over a name, at least',
-        unit='evidence of the name',
-        source='invented',
-    )
-    worth_a_fit: float = tuning(
-        0.8,
-        'gain of a law, before any joint fit, that may overrule a name',
         unit='evidence of the name',
         source='invented',
     )

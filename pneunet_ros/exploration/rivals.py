@@ -13,7 +13,7 @@ from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestig
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
-from pneunet_ros.diagnosis.settings import SELECTION
+from pneunet_ros.diagnosis.settings import LEAST_EVIDENCE
 
 NOTHING = 'nothing'  # the rival without a missing effect besides the named ones
 
@@ -77,7 +77,7 @@ def rival_probabilities(investigation: Investigation | UnsettledInvestigation) -
             linear_evidence(item) if fitted is None else fitted.over(trial.record).evidence
         )
     values = np.array(list(logs.values()))
-    sharpness = SELECTION.least_evidence / evidence_margin(float(values.max()))
+    sharpness = LEAST_EVIDENCE / evidence_margin(float(values.max()))
     weights = np.exp(sharpness * (values - values.max()))
     return dict(zip(logs, (weights / weights.sum()).tolist(), strict=True))
 

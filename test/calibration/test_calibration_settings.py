@@ -15,7 +15,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, SELECTION
 import pytest
 from support.refusals import refused
 
-EASIER = replace(SELECTION, least_evidence=1.0)
+EASIER = replace(SELECTION, least_gain=4.0)
 
 
 def test_what_is_not_the_default_is_said():

@@ -14,7 +14,7 @@ from pneunet_ros.measurement.blocks.model_columns import GUESS_TIME, ModelColumn
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
-from pneunet_ros.measurement.blocks.tip_force import TipForce, Walk
+from pneunet_ros.measurement.blocks.tip_force import LEAST_WALK, TipForce, Walk
 from pneunet_ros.measurement.inference.gaussian import compressed, forget, take_measurement, widen
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
@@ -223,4 +223,4 @@ def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
         belief = with_walk(UNKNOWNS, belief, after)
     # Jumps of 50 mN every four seconds are, on average, a walk of 25 mN/sqrt(s) in one direction.
     assert belief.walk.usual == pytest.approx(0.025 / np.sqrt(2.0), rel=0.5)
-    assert belief.walk.recent >= belief.walk.usual > 10.0 * TIP.least_walk * TIP.scale
+    assert belief.walk.recent >= belief.walk.usual > 10.0 * LEAST_WALK * TIP.scale

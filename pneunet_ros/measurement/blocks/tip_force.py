@@ -11,6 +11,11 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.blocks.block import Block, Move, Passage, WrenchSeen
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth, SizeGrid
 
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+LEAST_WALK = 0.0015  # of the force scale/sqrt(s): random walk of a force at rest
+USUAL_TIME = 30.0  # s, over which the walk of the force is averaged
+GUESS_COUNTS = 5.0  # s of frames, the weight of the initial walk
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
@@ -64,12 +69,6 @@ class TipForce(Block):
         unit='of the force scale/sqrt(s)',
         source='sweep',
     )
-    least_walk: float = tuning(
-        0.0015,
-        'random walk of a force at rest',
-        unit='of the force scale/sqrt(s)',
-        source='invented',
-    )
     largest_walk: float = tuning(
         0.9, 'largest random walk of a force', unit='of the force scale/sqrt(s)', source='sweep'
     )
@@ -82,12 +81,6 @@ class TipForce(Block):
     )
     walk_time: float = tuning(
         0.5, 'time after which a force counts as constant again', unit='s', source='sweep'
-    )
-    usual_time: float = tuning(
-        30.0, 'averaging time of the walk of the force', unit='s', source='invented'
-    )
-    guess_counts: float = tuning(
-        5.0, 'weight of the initial walk, as a duration of frames', unit='s', source='invented'
     )
 
     @property
@@ -148,7 +141,7 @@ class TipForce(Block):
         known = grid.first if walk.weights is None else walk.weights
         weights = grid.after(known, growth, (score, precision))
         recent = grid.size_of(weights)
-        share = -math.expm1(-seconds / min(self.guess_counts + seconds * frames, self.usual_time))
+        share = -math.expm1(-seconds / min(GUESS_COUNTS + seconds * frames, USUAL_TIME))
         usual = math.sqrt(walk.usual**2 + share * (recent**2 - walk.usual**2))
         return Walk(recent=recent, usual=usual, weights=weights)
 
@@ -164,10 +157,10 @@ class TipForce(Block):
         weights = [one.explained**-2.0 if one.of_tip else 0.0 for one in changes]
         average = sum(weight * one for weight, one in zip(weights, found, strict=True))
         average /= sum(weights)
-        watched = self.guess_counts + seconds * frames
-        share = -math.expm1(-seconds / min(watched, self.usual_time))
+        watched = GUESS_COUNTS + seconds * frames
+        share = -math.expm1(-seconds / min(watched, USUAL_TIME))
         usual = walk.usual**2 + share * (average - walk.usual**2)
-        least = (self.scale * self.least_walk) ** 2
+        least = (self.scale * LEAST_WALK) ** 2
         largest = (self.scale * self.largest_walk) ** 2
         usual = min(max(usual, least), largest)
         recent = min(max(*found, usual), largest)
