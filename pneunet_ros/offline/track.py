@@ -18,7 +18,7 @@ from pneunet_ros.messages.tracker import outputs_of, refusal_of, TRACKER_OUTPUTS
 from pneunet_ros.recordings.images.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.images.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.recording_writer import OutputTopics, RecordingWriter
-from pneunet_ros.vision.beam_search import BEAM_SEARCH
+from pneunet_ros.vision.beam_search import BEAM_SEARCH, ODD
 from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.rows.row import CAUSES
@@ -248,7 +248,7 @@ class TrackTally:
         The search follows such dots, but less reliably than the others.
         """
         size = self.log_areas / np.maximum(self.seen, 1.0)  # of logarithmic areas
-        odd = np.abs(size) > BEAM_SEARCH.odd * BEAM_SEARCH.size_std
+        odd = np.abs(size) > ODD * BEAM_SEARCH.size_std
         return [
             f'target {target} is {math.exp(0.5 * size[target]):.2g} times as wide as the others: '
             'it was tracked, but not reliably: repaint the dot, or remove whatever touches it '

@@ -25,6 +25,13 @@ KEPT = 12  # rows at each step; half of them find the same
 BEND = 0.08  # spacings x (gap^2 - 1), that a target may be further off after a gap
 LONGEST_GAP = 7  # targets from one that is seen to the next; what is beyond starts anew
 STRETCH = 0.25  # of an arm, either way, within a row
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+# Sigma of size, shape or blur, beyond which a difference costs no more: convention, 5 % of what is
+# normal. Up to two are cheaper than a missing target.
+ODD = 2.0
+# Radians an arm turns where it bends most, as if it did so from end to end; measured: 6.2 between
+# two pins of a public photograph of a pneu-net.
+CURL = 7.0
 FIRST_GAP = 2  # the same, where the scale is not known
 
 # What is known of a row while it grows. SIZE to BLUR: how its blobs look, as in the columns of
@@ -58,10 +65,6 @@ class BeamSearchSettings:
     blur_std: float = tuning(
         0.15, 'difference of the logarithmic blur of edges, one sigma', source='sweep'
     )
-    odd: float = tuning(
-        2.0, 'difference of size, shape or blur, beyond which it costs no more', unit='sigma',
-        source='convention: 5 % of what is normal; up to two are cheaper than a missing target',
-    )  # fmt: skip
     memory: float = tuning(
         0.7, 'weight of the row so far in its spacing and its size', source='sweep'
     )
@@ -71,10 +74,6 @@ class BeamSearchSettings:
         source='invented: without it, acceptance/painted_dots.py finds more of films 1 and 15, '
         'and nothing of a third',
     )
-    curl: float = tuning(
-        7.0, 'turn of an arm where it bends most, as if it did so from end to end', unit='rad',
-        source='measured: 6.2 between two pins of a public photograph of a pneu-net',
-    )  # fmt: skip
     least_share: float = tuning(0.4, 'share of targets seen of a row, at least', source='sweep')
     seen: float = tuning(
         0.8, 'share of the targets seen in a row found anywhere, at least', source='sweep'
@@ -87,7 +86,7 @@ class BeamSearchSettings:
 
     def dearest(self, targets: int) -> float:
         """Return the most that a row of targets found anywhere may cost."""
-        return targets * ((1.0 - self.seen) * self.missing + self.odd**2)
+        return targets * ((1.0 - self.seen) * self.missing + ODD**2)
 
 
 BEAM_SEARCH = BeamSearchSettings()
@@ -248,7 +247,7 @@ def _ways_on(
     # Between targets far apart an arm turns by more than it does between near ones.
     loose = 1.0
     if not whole:
-        turn = search.curl * spacing / (arclength[-1] - arclength[0])
+        turn = CURL * spacing / (arclength[-1] - arclength[0])
         loose = max(1.0, 0.5 * turn / (search.farthest * search.across_std))
     most = math.floor((1.0 - search.seen) * targets + 1e-9)
     many = 0
@@ -352,7 +351,7 @@ def _take(
     differences = look_differences(blobs, blob, row, search)
     for look in range(LOOKS):
         # Which of two that differ is the odd one shows from there on.
-        odd = differences[(look + 1) // 2] > search.odd
+        odd = differences[(look + 1) // 2] > ODD
         before, now = row[SIZE + look], blobs[2 + look, blob]
         if odd or math.isnan(before):
             row[SIZE + look] = now
@@ -429,9 +428,9 @@ def look_differences(
 def look_cost(blobs: Array, blob: int, row: Array, search: BeamSearchSettings) -> float:
     """Return the cost of a blob that looks different from a row.
 
-    It is limited to that of `odd` sigma, because one target may be far larger (a truncated
+    It is limited to that of `ODD` sigma, because one target may be far larger (a truncated
     square), cut off or touched by a glint; plus the cost of this blob in any row.
     """
     size, shape, blur = look_differences(blobs, blob, row, search)
-    odd, own = search.odd, float(blobs[OWN_COST, blob])
+    odd, own = ODD, float(blobs[OWN_COST, blob])
     return own + min(size, odd) ** 2 + min(shape, odd) ** 2 + min(blur, odd) ** 2

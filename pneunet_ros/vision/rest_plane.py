@@ -33,6 +33,14 @@ PLACES = 4  # in which an arm may rest that are remembered
 NEAR_CLAMP = 1.5  # spacings from clamp_pixel to the first target: a person pointed there
 UPRIGHT_SHARE = math.sin(math.radians(15.0))  # from side to side, of a row without a left end
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+# Cost above that of the best row from which a row counts as one by chance; measured: 0.1 on arms,
+# 53 in grass.
+CHANCE = 20.0
+CROWD = 10  # rows and more of other areas: there by chance; measured: 50 in printed text
+ODDS = 0.01  # rows by chance that fit as well, of one that stands out; convention
+# Costs of successive searches for rows. For any, all rows that are not due to chance are found.
+LIMITS: tuple[float, ...] = 0.5 * CHANCE, CHANCE, 2.0 * CHANCE
 
 Counts = npt.NDArray[np.int64]
 
@@ -228,15 +236,15 @@ def row_at_rest(
 
 def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
     """Return the cost up to which all rows must be known to decide among these (best first)."""
-    best, chance = rows[0], vision.rest_plane.chance
+    best = rows[0]
     least = _cost_of_seen(best, vision)
     others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]
     nearest = min((_cost_of_seen(row, vision) for row in others), default=math.inf)
-    if nearest <= least + 0.5 * chance:
+    if nearest <= least + 0.5 * CHANCE:
         return least  # there are several, whatever else is found
-    if nearest <= least + chance:
+    if nearest <= least + CHANCE:
         return math.inf  # unless the best one stands out of a crowd
-    return max(best.cost, least + chance)
+    return max(best.cost, least + CHANCE)
 
 
 def _best_row(
@@ -337,15 +345,14 @@ def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> l
     difference suffices if the best stands out from many rows, as in printed text. The number of
     such rows below some cost is modeled as a power of that cost, estimated from these rows.
     """
-    least, settings = _cost_of_seen(best, vision), vision.rest_plane
-    worse = settings.chance
+    least, worse = _cost_of_seen(best, vision), CHANCE
     others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]
-    if len(others) >= settings.crowd:
+    if len(others) >= CROWD:
         costs = np.maximum([row.cost for row in others], 1e-9)
         falling = np.log(costs.max() / costs).sum()
         power = len(others) / falling if falling > 0.0 else math.inf
         expected = len(others) * (np.append(best.cost, costs.min()) / costs.max()) ** power
-        if expected[0] < settings.odds <= expected[1]:
+        if expected[0] < ODDS <= expected[1]:
             worse *= 0.5
     return [row for row in rows if _cost_of_seen(row, vision) <= least + worse]
 

@@ -16,6 +16,7 @@ from pneunet_ros.vision.beam_search import (
     look_cost,
     misfit,
     NOTHING,
+    ODD,
     off_arc,
     SCALE,
     search_numbers,
@@ -104,7 +105,7 @@ def continues_beyond(
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
     of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
-    continues = min(search.continues, search.odd**2 * of_row)
+    continues = min(search.continues, ODD**2 * of_row)
     numbers = search_numbers(search)
     return bool(_continues(blobs.table, row, b, spacing, unit, continues, numbers))
 

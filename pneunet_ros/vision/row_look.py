@@ -50,17 +50,6 @@ class RowLookSettings:
     exact: float = tuning(
         0.94, 'share of the edge on the outline, of a whole blob', source='measured'
     )
-    own_size: float = tuning(
-        0.75,
-        'share of the edge near the outline, of one that is larger than its neighbors',
-        source='a tip that the end of the arm cuts at 0.7 radii from its center',
-    )
-    own_std: float = tuning(
-        0.05,
-        'one that is larger and cut off looks smaller by this, give or take as much',
-        unit='radius',
-        source='measured: 0.04 of a tip that the end of the arm cuts at 0.8 radii',
-    )
     unclear: float = tuning(
         3.0,
         'largest error of a whole or new blob, relative to that of the others',
@@ -75,11 +64,6 @@ class RowLookSettings:
     least_std: float = tuning(0.0015, 'least std of size and shape', unit='radius', source='sweep')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px', source='sweep')
     level_std: float = tuning(0.03, 'least std of the plateau', unit='contrast', source='sweep')
-    seen: float = tuning(
-        0.5,
-        'smallest visible share of the edge for a partly hidden target to count',
-        source='measured: 0.54 of a cut tip',
-    )
     beyond: float = tuning(
         0.15, 'largest share of the edge outside of the outline', source='sweep'
     )
@@ -111,6 +95,14 @@ LEAST_SMEAR_STD = 0.15  # px, of the way during an exposure
 UNSURE = 0.15  # radii, the largest error of the center of a part
 OFF_PLACE = 0.25  # radii, of a part or of a doubtful target from where its neighbors say
 FEWEST = 3  # neighbors, for a line and how far they are off it
+# No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+# Share of the edge near the outline of a target that is larger than its neighbors: of a tip that
+# the end of the arm cuts at 0.7 radii from its center.
+OWN_SIZE = 0.75
+# Radii that it looks smaller if it is cut off, give or take as much; measured: 0.04, of one cut at
+# 0.8 radii.
+OWN_STD = 0.05
+EDGE_SEEN = 0.5  # least share of the edge of a partly hidden target; measured: 0.54 of a cut tip
 
 
 def looks_of_neighbors(
@@ -226,7 +218,7 @@ def shows_own_size(
     They are whole, or larger than their neighbors by most of their edge; for a target that moves
     by more than a radius during the exposure, the motion may count as length.
     """
-    large = is_larger(table[:, AREA], gating) & (table[:, SEEN] >= settings.own_size)
+    large = is_larger(table[:, AREA], gating) & (table[:, SEEN] >= OWN_SIZE)
     large &= np.sum(table[:, SMEAR] ** 2, axis=1) <= table[:, AREA] / math.pi
     return has_whole_edge(table, settings) | large
 
@@ -275,7 +267,7 @@ def believable_parts(
     off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
     similar = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
     similar &= np.abs(found[:, BLUR] - expected[:, WIDTH]) <= settings.blur
-    edge = (share >= gating.largest_loss) | (found[:, SEEN] >= settings.seen)
+    edge = (share >= gating.largest_loss) | (found[:, SEEN] >= EDGE_SEEN)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     differs = settings.differ * 2.0 * expected[:, SIZE_STD]

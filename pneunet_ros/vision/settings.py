@@ -32,31 +32,6 @@ class RowTrackerSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RestPlaneSettings:
-    """Criteria for an arm at rest."""
-
-    chance: float = tuning(
-        20.0,
-        'cost above that of the best row from which a row counts as one by chance',
-        source='measured: 0.1 on arms, 53 in grass',
-    )
-    crowd: int = tuning(
-        10, 'rows and more of other areas: there by chance', source='measured: 50 in printed text'
-    )
-    odds: float = tuning(
-        0.01, 'rows by chance that fit as well, of one that stands out', source='convention'
-    )
-
-    @property
-    def limits(self) -> tuple[float, ...]:
-        """Cost limits of successive searches for rows.
-
-        For any limits, all rows that are not due to chance are found.
-        """
-        return 0.5 * self.chance, self.chance, 2.0 * self.chance
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VisionSettings:
     """Settings of all steps from an image to the measured curve."""
 
@@ -67,7 +42,6 @@ class VisionSettings:
     beam_search: BeamSearchSettings = BEAM_SEARCH
     gating: GatingSettings = GATING
     row_tracker: RowTrackerSettings = RowTrackerSettings()
-    rest_plane: RestPlaneSettings = RestPlaneSettings()
     smoother: SmootherSettings = SMOOTHER
     prior: PriorSettings = PRIOR
 

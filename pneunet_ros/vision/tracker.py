@@ -31,7 +31,9 @@ from pneunet_ros.vision.camera.working_plane import Plane, plane_from_homography
 from pneunet_ros.vision.dots.areas import bright_and_dark_areas, RoundAreas
 from pneunet_ros.vision.dots.ellipse_fit import for_colors
 from pneunet_ros.vision.rest_plane import (
+    CHANCE,
     Failure,
+    LIMITS,
     NO_ROW,
     plane_at_rest,
     RESTING,
@@ -276,9 +278,9 @@ class Tracker:
             looks[name] = self._look(state, image, name, areas[name], bool(limits), limits, taken)
             return looks[name][1].reason in ('', RESTING)
 
-        settings, anywhere = self.vision.rest_plane, state.plane is None
+        anywhere = state.plane is None
         names = sorted((BRIGHT, DARK), key=lambda name: name != state.leading)
-        for limit in settings.limits if anywhere else (math.inf,):
+        for limit in LIMITS if anywhere else (math.inf,):
             shown = []
             for name in names:
                 if name in looks and looks[name][1].reason not in NO_ROW:
@@ -289,7 +291,7 @@ class Tracker:
                     return {name: looks[name]}
             if len(shown) == 1 and anywhere:
                 (other,) = set(names) - set(shown)
-                shows_row(other, limit + settings.chance)
+                shows_row(other, limit + CHANCE)
             if shown:
                 return looks
         for name in names:
@@ -334,7 +336,7 @@ class Tracker:
             vision=self.vision,
             areas=areas,
             shallow=shallow,
-            limits=self.vision.rest_plane.limits if limits is None else limits,
+            limits=LIMITS if limits is None else limits,
             taken=NONE_TAKEN if taken is None else taken,
         )
         if state.plane is None:

@@ -37,6 +37,7 @@ from pneunet_ros.vision.row_look import (
     is_larger,
     looks_of_neighbors,
     OFF_PLACE,
+    OWN_STD,
     part_stds,
     share_of_area,
     UNSURE,
@@ -62,8 +63,8 @@ def with_partial(
     large = is_larger(usual, view.vision.gating) & ~sized
     own = np.where(sized | large, usual, np.nan)
     expected = looks_of_neighbors(row.table, starts[0], own, settings)
-    expected[large, SIZE_STD] = settings.own_std
-    expected[large, AXIS_XX : AXIS_YY + 1] *= 1.0 + settings.own_std
+    expected[large, SIZE_STD] = OWN_STD
+    expected[large, AXIS_XX : AXIS_YY + 1] *= 1.0 + OWN_STD
     share = share_of_area(row.table, expected)
     partial = ~whole_targets(row.table, expected, settings)
     same = has_whole_edge(row.table, settings) & (

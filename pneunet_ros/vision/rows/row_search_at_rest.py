@@ -13,9 +13,13 @@ from pneunet_ros.vision.beam_search import Indices, Mask
 from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.rest_plane import (
+    CHANCE,
+    CROWD,
     Failure,
+    LIMITS,
     NO_ROW,
     no_row,
+    ODDS,
     plane_at_rest,
     RestAverage,
     RestSearch,
@@ -97,11 +101,11 @@ def _search_all(view: View, blobs: Blobs) -> Array | Failure:
 
     Among many areas, only rows of low cost are searched for: others are due to chance.
     """
-    arclength, settings = view.arclength, view.vision.rest_plane
+    arclength = view.arclength
     points = view.lens.undistort(blobs.centers)
     known = np.flatnonzero(np.isfinite(points[:, 0]))
     candidates = _candidates(view, points, blobs.area, blobs.shapes, known)
-    found, limits = no_row(arclength.size, len(known)), settings.limits
+    found, limits = no_row(arclength.size, len(known)), LIMITS
     while True:
         row = _search_within(
             view,
@@ -117,7 +121,7 @@ def _search_all(view: View, blobs: Blobs) -> Array | Failure:
         if limits[-1] >= dearest:
             return found
         limit = min(2.0 * limits[-1], dearest)
-        if candidates.are_crowded(settings.crowd, min(limit + settings.chance, dearest)):
+        if candidates.are_crowded(CROWD, min(limit + CHANCE, dearest)):
             more = ' (among so many areas, only rows that fit well are searched for)'
             return replace(found, sentence=found.sentence + more)
         limits = (limit,)
@@ -150,15 +154,14 @@ def _search_within(
     points (areas, 2): all areas, normalized; measured: returns blobs of some; found: the result
     if there is no such row. Returns as `search_at_rest`.
     """
-    settings, chance = view.vision.rest_plane, view.vision.rest_plane.chance
     if len(limits) > 1 and not len(candidates.near(points, limits[-1])):
         return found
     for limit in limits:
         if not len(candidates.near(points, limit)):
             continue
-        more = limit + chance
-        decide: tuple[float, ...] = limit, more, more + chance, math.inf
-        if limit > settings.limits[-1]:  # those that cost more still are there by chance
+        more = limit + CHANCE
+        decide: tuple[float, ...] = limit, more, more + CHANCE, math.inf
+        if limit > LIMITS[-1]:  # those that cost more still are there by chance
             more = min(more, view.vision.beam_search.dearest(view.arclength.size))
             decide = limit, more
         blobs = measured(candidates.near(points, more))
@@ -251,7 +254,7 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
     known = still.only(still.seen >= wanted)
     vanished, search = known.unseen >= wanted, view.vision.beam_search
     most_of_all = np.argsort(~vanished, kind='stable')[: view.arclength.size]
-    if not is_moved(vanished, most_of_all, view.vision.rest_plane.odds):
+    if not is_moved(vanished, most_of_all, ODDS):
         return None
     straight = view.rest_straightness * (view.arclength.size - 1) / search.farthest
     straight_rows = replace(search, across_std=min(search.across_std, straight))
@@ -290,7 +293,7 @@ def _has_moved(view: View, row: TargetRow, points: Array, vanished: Mask) -> boo
     reach *= spacing_of(row_points(row, points), view.arclength)
     if np.any(np.hypot(*(points[vanished] - beyond).T) <= reach):
         return False
-    return is_moved(vanished, chosen, view.vision.rest_plane.odds)
+    return is_moved(vanished, chosen, ODDS)
 
 
 def _row_at_rest(
