@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.messages.builders import POSE_TYPE
-from pneunet_ros.messages.readings import PRESSURE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, tip_pose_message
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support.made_recordings import header
-from support.recorded_datasets import MS, pressure, readings, record, START, targets
+from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
 from support.refusals import refusal, refused
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,6 +51,26 @@ def test_a_recording_comes_back_from_its_table_to_the_last_bit(tmp_path, recordi
     left, right = read_run(recording, 3)[0], read_run(again, 3)[0]
     assert math.isnan(left.x[1, 1])
     assert same_run(left, right)
+
+
+def test_what_a_table_cannot_hold_is_named(tmp_path, capsys):
+    sideways = wrench(START, (0.1, 0.0))
+    sideways.wrench.force.z = 0.2
+    unsure = pressure(START, 1e3)
+    unsure.variance = 1e4
+    tip = tip_pose_message(START, np.full(3, 0.05), 'world', ROSBAGS_TYPES)
+    messages = [('pressure', START, unsure), ('end_wrench', START, sideways)]
+    path = record(tmp_path / 'r.mcap', [*messages, ('tip_pose', START, tip)])
+    words = ['export', str(path), '--output', str(tmp_path / 't.csv'), '--json']
+    assert main(words) == 0
+    answer = json.loads(capsys.readouterr().out)
+    notes = ' '.join(answer['sentences'])
+    assert all(name in notes for name in ('variance', 'force_z', 'frame world'))
+    assert not any(name.startswith('tip_') for name in answer['columns'])
+    assert main([*words, '--overwrite', '--frame-id', 'world', '--wrench-frame', BASE_FRAME]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert 'tip_x_m' in answer['columns']
+    assert 'world' not in ' '.join(answer['sentences'])
 
 
 def test_the_table_has_a_row_per_stamp_and_empty_cells(tmp_path, recording):

@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pneunet_ros.cli import verb
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.errors import MessageError, RecordingError, RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.unit_system import UnitSystem
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.shape_error import Tips
 from pneunet_ros.messages.builders import POSE_TYPE
-from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS, TIP_POSE
 from pneunet_ros.offline.table_conversion import tabulate
+from pneunet_ros.recordings.dataset_reader import tip_frame
 from pneunet_ros.recordings.recorded_gravity import mounted
 from pneunet_ros.recordings.recorded_series import find_recorded, read_series
 from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
-from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording import open_recording, Recording
 from pneunet_ros.tables.reading_table import columns
 from pneunet_ros.tables.table_writer import check_suffix, write_columns
+
+NOT_IN_TABLES: dict[Sensor[Any], tuple[str, ...]] = {
+    PRESSURE: ('variance',),
+    END_WRENCH: ('force_z', 'moment_x', 'moment_y'),
+    TARGETS: ('std',),
+}
 
 
 def options(parser: ArgumentParser) -> None:
@@ -63,6 +76,7 @@ def run(arguments: Namespace) -> int:
     tips = None
     with verb.reading_bar(shown=not arguments.json):
         settings = mounted(recording, topics, verb.settings_of(arguments))
+        sentences += left_out(recording, topics, settings)
         series = read_series(recording, topics, settings)
         for item in series.values():
             sentences += item.sentences()
@@ -90,6 +104,31 @@ def run(arguments: Namespace) -> int:
     scales = [verb.scales_sentence(arm)] if arguments.dimensionless else []
     verb.present_written(arguments, summary, text, scales)
     return verb.DONE
+
+
+def left_out(
+    recording: Recording, topics: dict[str, str], settings: EstimatorSettings
+) -> Iterator[Note]:
+    """Name what first messages contain and a table does not; remove poses of another frame."""
+    frame = tip_frame(recording, topics.get(TIP_POSE.name), settings)
+    if frame != BASE_FRAME:
+        yield Note(
+            f'{topics.pop(TIP_POSE.name)} is left out: it is in the frame {frame}, and a table is '
+            f'in {settings.frame_id}; add --frame-id {frame} if that is the frame of the clamp',
+            reason='wrong_frame',
+        )
+    for sensor, names in NOT_IN_TABLES.items():
+        topic = topics.get(sensor.name)
+        for message in () if topic is None else recording.messages([topic]):
+            with suppress(MessageError):
+                reading = sensor.decode(message.message)
+                found = [name for name in names if np.any(np.nan_to_num(getattr(reading, name)))]
+                if found:
+                    yield Note(
+                        f'{topic}: {", ".join(found)} left out: tables have no column for it',
+                        reason='not_supported',
+                    )
+            break
 
 
 def tip_columns(tips: Tips, stamp_ns: Stamps, units: UnitSystem) -> dict[str, Array]:
