@@ -57,6 +57,7 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
     strip = max(STRIP, 2.0 * dot)
     left = MARGIN
     gaps = ', '.join(f'{gap:g}' for gap in np.unique(np.round(np.diff(shown), 4)))
+    first = f'{shown[0]:g} mm from the clamp' if shown[0] else 'to the clamp'
     for words, paper_color, color, filled in STRIPS:
         _draw_strip(axes, (left, start - dot), strip, length, paper_color)
         for place in shown - shown[0]:
@@ -67,6 +68,7 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
             (left, start - dot),
             (strip, length),
             color,
+            ('CLAMP SIDE' if shown[0] else 'CLAMP', 'FREE END'),
             name,
             f'dots {dot:g} mm, every {gaps} mm',
         )
@@ -81,7 +83,7 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
         height - MARGIN,
         f'Targets of {name}\n\n{shown.size} dots of {dot:g} mm, {gaps} mm apart\n{paper}: print '
         'at 100 %, never "fit to page";\nthen check the scale with a ruler: it must be '
-        f'{RULER:g} mm.\n\nThe dot at the bottom (0) goes to the clamp.',
+        f'{RULER:g} mm.\n\nThe dot at the bottom (0) goes {first}.',
         fontsize=9,
         va='top',
         ha='center',
@@ -102,16 +104,16 @@ def _label_strip(
     corner: tuple[float, float],
     size: tuple[float, float],
     color: str,
+    ends: tuple[str, str],
     name: str,
     dots: str,
 ) -> None:
-    """Label a strip, which will be cut out, with the arm and its clamp end.
+    """Label a strip, which will be cut out, with the arm and its ends.
 
-    Next to the dots: clamp, arm and free end on the left, dots on the right. Text that is too long
-    for the strip is cut off.
+    Next to the dots: ends and arm on the left, dots on the right. Text that is too long for the
+    strip is cut off.
     """
     room = int(size[1] / CHARACTER) - 2
-    ends = 'CLAMP', 'FREE END'
     between = room - sum(map(len, ends)) - 4
     ink = 'black' if color == 'none' else color
     style: dict[str, Any] = {'rotation': 90, 'fontsize': LABEL, 'color': ink}

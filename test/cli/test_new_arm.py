@@ -164,3 +164,14 @@ def test_every_strip_says_which_arm_and_which_end_it_is():
         assert set(within) == {'CLAMP', 'mine', 'FREE END', 'dots 3 mm, every 10 mm'}
         assert within['CLAMP'].y1 < within['mine'].y0 < within['FREE END'].y0
         assert within['CLAMP'].y0 < strip.y0 + 5.0
+
+
+@pytest.mark.parametrize(
+    ('first', 'label', 'goes'),
+    [(0.0, 'CLAMP', 'goes to the clamp.'), (0.02, 'CLAMP SIDE', 'goes 20 mm from the clamp.')],
+)
+def test_the_sheet_says_where_the_first_dot_goes(first, label, goes):
+    (axes,) = template_page('A4', 'mine', first + np.arange(5) * 0.02, 0.003).axes
+    texts = [text.get_text() for text in axes.texts]
+    assert texts.count(label) == len(STRIPS)
+    assert any(text.endswith(goes) for text in texts)
