@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
 from glob import escape
@@ -11,6 +12,7 @@ import re
 from typing import Any
 
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.notes import Note
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.printable import listed
 from pneunet_ros.files.yaml_file import YamlFile
@@ -57,7 +59,7 @@ def stored_files(path: Path) -> list[Path]:
         if not parts:
             raise RecordingError(f'{path} {_other_folder(path)}', reason='wrong_kind')
         return parts
-    names, storage, compression = FILE.load(path / METADATA, _describe_folder)
+    names, storage, compression, _ = FILE.load(path / METADATA, _describe_folder)
     if storage not in STORAGES or compression not in ('', 'none', 'zstd'):
         raise RecordingError(
             f'{path} is stored as {storage} {compression}: convert it to mcap with `ros2 bag '
@@ -78,6 +80,36 @@ def stored_files(path: Path) -> list[Path]:
     ]
 
 
+def unread_parts(path: Path, messages: int) -> Iterator[Note]:
+    """Report parts of a recording that are missing, or that its metadata do not list.
+
+    messages: how many its files contain.
+    """
+    if not path.is_dir():
+        return
+    parts = _numbered(path)
+    if not (path / METADATA).exists():
+        numbers = [number for number, _ in parts]
+        if numbers != list(range(len(numbers))):
+            found = listed(list(map(str, numbers)), NAMES_SHOWN)
+            yield Note(f'{path} has only the parts {found}: others are missing', reason='lost')
+        return
+    names, _, _, announced = FILE.load(path / METADATA, _describe_folder)
+    known = {_number(path, name) for name in names}
+    others = [file.name for number, file in parts if number not in known]
+    if others:
+        yield Note(
+            f'{listed(others, NAMES_SHOWN)} was not read: {path / METADATA} does not list it; '
+            'write the metadata anew with `ros2 bag reindex`',
+            reason='not_supported',
+        )
+    if announced > messages:
+        yield Note(
+            f'{path / METADATA} declares {announced} messages, but {messages} were read',
+            reason='lost',
+        )
+
+
 def is_recording(path: Path) -> bool:
     """Whether a path is a recording: a file with such a name, or a folder of rosbag2."""
     if not path.is_dir():
@@ -90,14 +122,22 @@ def _files_in(path: Path) -> list[Path]:
     return sorted(file for file in path.iterdir() if file.is_file() and is_recording(file))
 
 
+def _number(path: Path, name: str) -> int | None:
+    """Return the number of a part of a folder that is named by rosbag2 FOLDER_0, FOLDER_1."""
+    match = re.match(rf'{re.escape(resolved(path, RecordingError).name)}_(\d{{1,9}})\.', name)
+    return None if match is None else int(match[1])
+
+
+def _numbered(path: Path) -> list[tuple[int, Path]]:
+    """Return the parts of a folder with their numbers, in order."""
+    numbers = ((_number(path, file.name), file) for file in _files_in(path))
+    return sorted((number, file) for number, file in numbers if number is not None)
+
+
 def _parts(path: Path) -> list[Path]:
-    """Return the files of a folder named by rosbag2 FOLDER_0, FOLDER_1, in order."""
-    part = re.compile(rf'{re.escape(resolved(path, RecordingError).name)}_(\d{{1,9}})\.')
-    files = _files_in(path)
-    numbers = [match and int(match[1]) for match in map(part.match, (f.name for f in files))]
-    if None in numbers:
-        return []
-    return [file for _, file in sorted(zip(numbers, files, strict=True))]
+    """Return the parts of a folder in order; empty if it contains other recordings, too."""
+    parts = [file for _, file in _numbered(path)]
+    return parts if len(parts) == len(_files_in(path)) else []
 
 
 def _other_folder(path: Path) -> str:
@@ -116,8 +156,8 @@ def _other_folder(path: Path) -> str:
     return f'is a folder without a recording: it has no {METADATA} and no .mcap file'
 
 
-def _describe_folder(content: Any) -> tuple[list[str], str, str]:
-    """Return the names of the files, their storage format and their compression."""
+def _describe_folder(content: Any) -> tuple[list[str], str, str, int]:
+    """Return the names of the files, their storage format, compression, number of messages."""
     where = 'rosbag2_bagfile_information'
     bag = FILE.mapping(FILE.mapping(content, '').get(where), where)
     names, storage = bag.get('relative_file_paths'), bag.get('storage_identifier')
@@ -131,8 +171,10 @@ def _describe_folder(content: Any) -> tuple[list[str], str, str]:
         raise RecordingError(
             f'{where}.relative_file_paths must name files of the folder', reason='wrong_form'
         )
+    count = bag.get('message_count')
     return (
         names,
         str(storage)[:LONGEST_NAME],
         str(bag.get('compression_format') or '').lower()[:LONGEST_NAME],
+        count if isinstance(count, int) else 0,
     )

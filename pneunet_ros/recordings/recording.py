@@ -21,7 +21,7 @@ from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.cdr_reader import read_message
 from pneunet_ros.messages.readings import is_estimated
-from pneunet_ros.recordings.bag_folder import stored_files
+from pneunet_ros.recordings.bag_folder import stored_files, unread_parts
 from pneunet_ros.recordings.limits import LONGEST_NAME, MOST_WAITING
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
 from pneunet_ros.recordings.message_store import deserialize, jazzy, store_for
@@ -227,11 +227,13 @@ def open_recording(path: str | Path) -> Recording:
     reports both.
     """
     path = Path(path)
-    files, sentences = [], list[str]()
+    files, sentences = list[McapFile](), list[str]()
     for stored in stored_files(path):
         file = open_mcap(plain_mcap(stored), stored)
         files.append(file)
         sentences += file.damage
+    if not sentences:
+        sentences += unread_parts(path, sum(sum(file.counts.values()) for file in files))
     left_out: list[str] = []
     topics: dict[str, RecordedTopic] = {}
     channels: list[dict[int, str]] = []

@@ -136,6 +136,31 @@ def test_parts_are_read_in_the_order_of_their_numbers(tmp_path):
     assert recordings_in(tmp_path) == [folder]
 
 
+def test_missing_parts_are_said(tmp_path):
+    folder = tmp_path / 'day'
+    folder.mkdir()
+    for part in range(3):
+        write_bag(tmp_path / 'one', StoragePlugin.MCAP, CompressionMode.NONE)
+        (tmp_path / 'one' / 'one.mcap').rename(folder / f'day_{part}.mcap')
+        (tmp_path / 'one' / METADATA).rename(tmp_path / METADATA)
+        (tmp_path / 'one').rmdir()
+    assert open_recording(folder).sentences == ()
+    (folder / 'day_1.mcap').unlink()
+    (note,) = open_recording(folder).sentences
+    assert (note.reason, 'the parts 0, 2: ' in note) == ('lost', True)
+    listed = (tmp_path / METADATA).read_text().replace('one.mcap', 'day_0.mcap')
+    (folder / METADATA).write_text(listed)
+    (note,) = open_recording(folder).sentences
+    assert (note.reason, note.startswith('day_2.mcap was not read')) == ('not_supported', True)
+    (folder / 'day_2.mcap').unlink()
+    assert open_recording(folder).sentences == ()
+    (folder / METADATA).write_text(
+        listed.replace(f'message_count: {COUNT}', f'message_count: {COUNT + 1}')
+    )
+    (note,) = open_recording(folder).sentences
+    assert (note.reason, f'declares {COUNT + 1} messages' in note) == ('lost', True)
+
+
 def test_recordings_that_only_share_a_folder_are_not_taken_for_one(tmp_path):
     folder = tmp_path / 'day'
     folder.mkdir()
