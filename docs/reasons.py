@@ -18,7 +18,6 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'exclusive': 'two options or topics exclude each other',
     'exists': 'the output exists; --overwrite replaces it',
     'failed': 'the program that was started failed',
-    'fixed_setting': 'a setting cannot be changed',
     'given_twice': 'a name, option or recording was given twice',
     'holds_other_files': 'the output folder holds files that were not written by the same command',
     'loop': 'a symbolic link leads to itself',

@@ -46,15 +46,10 @@ from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import (
-    CALIBRATION,
-    CalibrationSettings,
-    CHANGEABLE_IN_CALIBRATION,
-)
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, say_nothing
-from pneunet_ros.core.settings import check_changeable
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.measurement.tip_pose import with_tip_target
@@ -114,17 +109,15 @@ def calibrate(
             include the changes.
         earlier: posterior of another calibration to continue from, with its tables.
         on_progress: called with the stage, its progress, and its total (0: unknown).
-        settings: only those in `CHANGEABLE_IN_CALIBRATION` can differ from the default.
+        settings: what a calibration may be told; see `CalibrationSettings`.
 
     Returns:
         The arm with error bars, and its fits; use it only if `joint.converged`.
 
     Raises:
-        RequestError: no such law, no unloaded recording, `earlier` does not fit, or a setting is
-            fixed.
+        RequestError: no such law, no unloaded recording, or `earlier` does not fit.
         RecordingError: the recordings do not fit the experiments.
     """
-    check_changeable(settings, CHANGEABLE_IN_CALIBRATION)
     clocks, rounds = dict[str, CameraClock](), 0
     settled: tuple[Calibration, dict[str, CameraClock]] | None = None
     while True:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
@@ -242,36 +243,22 @@ STIFFNESS_VARIATION = StiffnessVariationSettings()
 RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FixedSettings:
-    """Settings that are the same in every calibration, as they are recorded with its result."""
-
-    consistency: SameArmSettings = CONSISTENCY
-    noise_estimate: NoiseEstimateSettings = NOISE_ESTIMATE
-    hyperparameters: HyperparameterSettings = HYPERPARAMETERS
-    moment_law: MomentLawSettings = MOMENT_LAW
-    map_estimation: MapEstimationSettings = MAP_ESTIMATION
-    identifiability: IdentifiabilitySettings = IDENTIFIABILITY
-    stiffness_variation: StiffnessVariationSettings = STIFFNESS_VARIATION
+FIXED: tuple[Any, ...] = (  # the same in every calibration
+    CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION, IDENTIFIABILITY,
+    STIFFNESS_VARIATION,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationSettings:
-    """All tuning constants of `calibrate`."""
+    """The settings of `calibrate` that can change; of the preconditions, `declared`."""
 
     preconditions: PreconditionSettings = PRECONDITIONS
     resolution: ResolutionSettings = RESOLUTION
     experiments: ExperimentSettings = EXPERIMENTS
-    fixed: FixedSettings = FixedSettings()
 
 
 CALIBRATION = CalibrationSettings()
-CHANGEABLE_IN_CALIBRATION = frozenset({
-    'ExperimentSettings.most_frames', 'ExperimentSettings.rows', 'PreconditionSettings.declared',
-    'ResolutionSettings',
-})  # fmt: skip
 
 
 def judging(declared: PressureConvention | None) -> CalibrationSettings:

@@ -71,21 +71,6 @@ def settings_changed(*owners: Any) -> dict[str, Any]:
     return {key: value for key, value in settings_used(*owners).items() if value != defaults[key]}
 
 
-def check_changeable(owner: Any, changeable: frozenset[str]) -> None:
-    """Reject changed settings other than these, which are named as `Class` or `Class.field`.
-
-    The others are read where they are used: a change would be recorded, and have no effect.
-    """
-    fixed = [
-        key for key in settings_changed(owner) if not {key, key.partition('.')[0]} & changeable
-    ]
-    if fixed:
-        raise RequestError(
-            f'{fixed[0]} cannot be changed; what can: {", ".join(sorted(changeable))}',
-            reason='fixed_setting',
-        )
-
-
 def check_settings(owner: Any) -> None:
     """Reject values of a dataclass that its `setting`s and `quantity`s do not allow."""
     check_quantities(owner, '', RequestError)

@@ -14,7 +14,6 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
-from pneunet_ros.core.settings import check_changeable
 from pneunet_ros.diagnosis.conclusion import conclude
 from pneunet_ros.diagnosis.decision import decide
 from pneunet_ros.diagnosis.fit.base_fit import fit_base
@@ -28,12 +27,7 @@ from pneunet_ros.diagnosis.result import Detectable, Diagnosis, UnsettledDiagnos
 from pneunet_ros.diagnosis.scores.nonuniform_arm import beside_nonuniform, nonuniform_columns
 from pneunet_ros.diagnosis.scores.score_test import detection_limits
 from pneunet_ros.diagnosis.selection import Selection, Trial
-from pneunet_ros.diagnosis.settings import (
-    BASE_FIT,
-    CHANGEABLE_IN_DIAGNOSIS,
-    DEFAULTS,
-    DiagnosisSettings,
-)
+from pneunet_ros.diagnosis.settings import BASE_FIT, DEFAULTS, DiagnosisSettings
 from pneunet_ros.diagnosis.usable_frames import at_rest, with_tips, without_unread
 from pneunet_ros.measurement.dataset import RecordingData, thinned
 from pneunet_ros.model.arm import Arm
@@ -65,7 +59,7 @@ def diagnose(
         seed: of the simulated clean data behind the thresholds.
         executor: runs the simulations; None: this process.
         on_progress: called with the task, its progress, and its total (0 = unknown).
-        settings: only those in `CHANGEABLE_IN_DIAGNOSIS` can differ from the default.
+        settings: what a diagnosis may be told; see `DiagnosisSettings`.
 
     Returns:
         The answer, with the model before and after, all numbers in SI; without numbers if the fit
@@ -73,7 +67,7 @@ def diagnose(
         (`discovery.discover`), as in `pneunet diagnose`.
 
     Raises:
-        RequestError: no training recording is without a load, or a setting is fixed.
+        RequestError: no training recording is without a load.
         RecordingError: a recording has too few frames, or contradicts the model.
         ModelError: the model has no shape in most of the recordings.
     """
@@ -99,7 +93,6 @@ def investigate(
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation | UnsettledInvestigation:
     """Diagnose like `diagnose`; return the diagnosis with all its fits."""
-    check_changeable(settings, CHANGEABLE_IN_DIAGNOSIS)
     model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out

@@ -6,12 +6,10 @@ Blind trials tested all of them together.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from pneunet_ros.calibration.settings import (
-    CALIBRATION,
-    CalibrationSettings,
-    CHANGEABLE_IN_CALIBRATION,
-)
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import FIXED as FIXED_IN_CALIBRATION
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
 
@@ -201,35 +199,19 @@ LAW_ERRORS, LACK_OF_FIT = LawErrorSettings(), LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
 AUGMENTED_MODEL = AugmentedModelSettings()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FixedSettings:
-    """Settings that are the same in every diagnosis, as they are recorded with its result."""
-
-    base_fit: BaseFitSettings = BASE_FIT
-    linearization: LinearizationSettings = LINEARIZATION
-    score_test: ScoreTestSettings = SCORE_TEST
-    law_errors: LawErrorSettings = LAW_ERRORS
-    lack_of_fit: LackOfFitSettings = LACK_OF_FIT
-    refit: RefitSettings = REFIT
-    reading_noise: ReadingNoiseSettings = READING_NOISE
-    selection: SelectionSettings = SELECTION
-    localization: LocalizationSettings = LOCALIZATION
-    augmented_model: AugmentedModelSettings = AUGMENTED_MODEL
+FIXED: tuple[Any, ...] = (  # the same in every diagnosis
+    *FIXED_IN_CALIBRATION, BASE_FIT, LINEARIZATION, SCORE_TEST, LAW_ERRORS, LACK_OF_FIT, REFIT,
+    READING_NOISE, SELECTION, LOCALIZATION, AUGMENTED_MODEL,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisSettings:
-    """The settings of a diagnosis."""
+    """The settings of a diagnosis; beside its calibration `withheld` and `tested` can change."""
 
     calibration: CalibrationSettings = CALIBRATION
     hypothesis: HypothesisSettings = HypothesisSettings()
     confirmation: ConfirmationSettings = ConfirmationSettings()
-    fixed: FixedSettings = FixedSettings()
 
 
 DEFAULTS = DiagnosisSettings()
-CHANGEABLE_IN_DIAGNOSIS = CHANGEABLE_IN_CALIBRATION | {
-    'ConfirmationSettings.tested', 'HypothesisSettings.withheld',
-}  # fmt: skip

@@ -17,7 +17,7 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Misfit, UnsettledDiagnosis
-from pneunet_ros.diagnosis.settings import DiagnosisSettings
+from pneunet_ros.diagnosis.settings import DiagnosisSettings, FIXED
 from pneunet_ros.discovery.proposed_effect import PREFIX
 from pneunet_ros.discovery.result import Discovered, Discovery, NOTHING_SEARCHED
 from pneunet_ros.discovery.settings import DiscoverySettings
@@ -142,7 +142,7 @@ def discovered_content(law: Discovered) -> dict[str, Any]:
 
 def ending(seed: int, *settings: DiagnosisSettings | DiscoverySettings) -> dict[str, Any]:
     """Return the last keys of every JSON of a diagnosis."""
-    used = {'used': settings_used(*settings), 'not_default': settings_changed(*settings)}
+    used = {'used': settings_used(*settings, *FIXED), 'not_default': settings_changed(*settings)}
     return {'seed': seed, 'settings': used}
 
 
