@@ -6,15 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.measurement.steady_states import held_spans, SHORTEST_HOLD
+from pneunet_ros.measurement.steady_states import held_spans
 
 
-def steady_estimates(
-    estimates: Iterable[ShapeEstimate], shortest: float = SHORTEST_HOLD
-) -> list[ShapeEstimate]:
-    """Return the last estimate of every interval of at least `shortest` s of constant load."""
+def steady_estimates(estimates: Iterable[ShapeEstimate]) -> list[ShapeEstimate]:
+    """Return the last estimate of every interval of constant load that lasts long enough."""
     kept = list(estimates)
     stamps = np.array([estimate.stamp_ns for estimate in kept], dtype=np.int64)
     shapes = [estimate.shape for estimate in kept]
     loads = np.array([(shape.pressure, *shape.force, shape.end_moment) for shape in shapes])
-    return [kept[last] for _, last in held_spans(stamps, loads, 0.0, shortest)]
+    return [kept[last] for _, last in held_spans(stamps, loads, 0.0)]

@@ -57,9 +57,7 @@ class FilteredReadings:
     noise: Array
 
 
-def filter_readings(
-    run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
-) -> FilteredReadings:
+def filter_readings(run: RecordingData, noise: SensorNoise) -> FilteredReadings:
     """Return the piecewise linear pressure and load of a run.
 
     Between corners, the readings lie on a straight line within their noise, so that steps, turning
@@ -69,7 +67,7 @@ def filter_readings(
     if run.static:
         return FilteredReadings(run=run, noise=np.zeros(len(run.stamp_ns)))
     stamps = run.reading_stamp_ns
-    lines = Lines(stamps, run.pressure, noise.pressure_std, settings)
+    lines = Lines(stamps, run.pressure, noise.pressure_std)
     pieces = lines.pieces()
     fitted = lines.joined(pieces)
     kept = np.union1d(stamps[np.array(pieces).ravel()], run.instants)
@@ -79,45 +77,34 @@ def filter_readings(
             reading_stamp_ns=kept,
             pressure=interpolate(kept, stamps, fitted),
             reading=np.searchsorted(kept, run.instants),
-            wrench=filtered_wrench(run, noise, settings),
+            wrench=filtered_wrench(run, noise),
         ),
         noise=run.frame_pressure - fitted[run.reading],
     )
 
 
-def filtered_wrench(
-    run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings
-) -> Array | None:
+def filtered_wrench(run: RecordingData, noise: SensorNoise) -> Array | None:
     """Return the piecewise linear load at all its readings (wrenches, 3) N, N m."""
     if run.wrench_stamp_ns is None or run.wrench is None:
         return run.wrench
-    return filtered_load(run.wrench_stamp_ns, run.wrench, noise, settings)
+    return filtered_load(run.wrench_stamp_ns, run.wrench, noise)
 
 
-def filtered_load(
-    stamp_ns: Stamps, load: Array, noise: SensorNoise, settings: ReadingFilterSettings
-) -> Array:
+def filtered_load(stamp_ns: Stamps, load: Array, noise: SensorNoise) -> Array:
     """Return the piecewise linear fit of loads (n, 3) N, N m."""
     stds = noise.force_std, noise.force_std, noise.moment_std
     return np.column_stack(
-        [
-            filtered(stamp_ns, values, std, settings)
-            for values, std in zip(load.T, stds, strict=True)
-        ]
+        [filtered(stamp_ns, values, std) for values, std in zip(load.T, stds, strict=True)]
     )
 
 
-def filtered(
-    stamp_ns: Stamps, values: Array, std: float, settings: ReadingFilterSettings
-) -> Array:
+def filtered(stamp_ns: Stamps, values: Array, std: float) -> Array:
     """Return the piecewise linear fit of values (n,)."""
-    lines = Lines(stamp_ns, values, std, settings)
+    lines = Lines(stamp_ns, values, std)
     return lines.joined(lines.pieces())
 
 
-def without_reading_noise(
-    run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
-) -> RecordingData:
+def without_reading_noise(run: RecordingData, noise: SensorNoise) -> RecordingData:
     """Return a run with all readings replaced by their piecewise linear fit.
 
     An arm with mass is simulated with these, because noise of the readings would excite it.
@@ -126,24 +113,22 @@ def without_reading_noise(
         return run
     load = run.load
     if run.loaded and run.wrench is None:
-        load = filtered_load(run.stamp_ns, load, noise, settings)
+        load = filtered_load(run.stamp_ns, load, noise)
     return replace(
         run,
-        pressure=filtered(run.reading_stamp_ns, run.pressure, noise.pressure_std, settings),
+        pressure=filtered(run.reading_stamp_ns, run.pressure, noise.pressure_std),
         force=load[:, :2],
         moment=load[:, 2],
-        wrench=filtered_wrench(run, noise, settings),
+        wrench=filtered_wrench(run, noise),
     )
 
 
 class Lines:
     """Least-squares lines through parts of a series, from cumulative sums."""
 
-    def __init__(
-        self, stamp_ns: Stamps, values: Array, std: float, settings: ReadingFilterSettings
-    ) -> None:
+    def __init__(self, stamp_ns: Stamps, values: Array, std: float) -> None:
         seconds = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
-        self.time, self.settings = seconds - seconds.mean(), settings
+        self.time = seconds - seconds.mean()
         self.level = float(values.mean())
         self.std = max(std, NO_NOISE * float(np.ptp(values))) or 1.0
         self.values = (values - self.level) / self.std
@@ -186,8 +171,8 @@ class Lines:
         sums = self.sums_of(first, last)
         two_lines = chi_squared(sums[:, :-1]) + chi_squared(sums[:, -1:] - sums[:, :-1])
         best, one_line = int(np.argmin(two_lines)), float(chi_squared(sums[:, -1:])[0])
-        scatter = one_line - count > self.settings.scatter * np.sqrt(2.0 * count)
-        if one_line - two_lines[best] <= self.settings.corner and not scatter:
+        scatter = one_line - count > READING_FILTER.scatter * np.sqrt(2.0 * count)
+        if one_line - two_lines[best] <= READING_FILTER.corner and not scatter:
             return None
         return first + best
 
@@ -205,7 +190,7 @@ class Lines:
             return np.asarray(self.level + self.std * part)
         time = self.time[first : last + 1] - self.time[first : last + 1].mean()
         tt, tp = float(time @ time), float(time @ part)
-        slope = tp / tt if tp**2 > self.settings.slope * tt else 0.0
+        slope = tp / tt if tp**2 > READING_FILTER.slope * tt else 0.0
         line = part.mean() + slope * time
         return np.asarray(self.level + self.std * line)
 

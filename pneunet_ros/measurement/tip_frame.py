@@ -105,7 +105,7 @@ class FoundBase:
 
 
 def in_base_frame(
-    runs: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings = TIP_FRAME
+    runs: Sequence[RecordingData], arm: Arm
 ) -> tuple[list[RecordingData], tuple[Note, ...]]:
     """Return the runs with tip poses in the base frame, and notes on the frame found.
 
@@ -127,10 +127,10 @@ def in_base_frame(
                 )
             )
             continue
-        is_other = is_in_other_frame(run, arm, settings)
+        is_other = is_in_other_frame(run, arm)
         if is_other:
             other.setdefault(run.tip_frame, []).append(index)
-        strays = out_of_reach(run, arm, settings, clamp_known=not is_other)
+        strays = out_of_reach(run, arm, clamp_known=not is_other)
         if strays.any():
             in_base[index] = without_poses(run, strays)
             notes.append(
@@ -141,7 +141,7 @@ def in_base_frame(
                 )
             )
     for places in other.values():
-        found = base_of([in_base[index] for index in places], arm, settings)
+        found = base_of([in_base[index] for index in places], arm)
         names = ', '.join(runs[index].name for index in places)
         for index in places:
             in_base[index] = found.in_base(in_base[index])
@@ -154,12 +154,12 @@ def in_base_frame(
     return in_base, tuple(notes)
 
 
-def base_of(other: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings) -> FoundBase:
+def base_of(other: Sequence[RecordingData], arm: Arm) -> FoundBase:
     """Return the clamp in the common frame of the tip poses of some runs."""
     names = ', '.join(run.name for run in other)
     free = [run for run in other if not run.loaded] or other
     poses = np.concatenate([run.tip_pose for run in free if run.tip_pose is not None])
-    found = find_base(poses, arm, settings)
+    found = find_base(poses, arm)
     if found is None:
         raise RecordingError(
             f'{names}: the tip is measured in another frame than {BASE_FRAME}, and these poses '
@@ -170,9 +170,7 @@ def base_of(other: Sequence[RecordingData], arm: Arm, settings: TipFrameSettings
     return found
 
 
-def is_in_other_frame(
-    run: RecordingData, arm: Arm, settings: TipFrameSettings = TIP_FRAME
-) -> bool:
+def is_in_other_frame(run: RecordingData, arm: Arm) -> bool:
     """Whether the tip poses are in another frame, whose position no target determines.
 
     If only some are out of reach, they are in another frame if most of these are within the reach
@@ -180,22 +178,22 @@ def is_in_other_frame(
     """
     if run.tip_pose is None or run.seen.any():
         return False
-    beyond = out_of_reach(run, arm, settings)
+    beyond = out_of_reach(run, arm)
     if run.tip_frame != BASE_FRAME or not beyond.any():
         return run.tip_frame != BASE_FRAME
     within = run.tip_pose[~beyond & np.isfinite(run.tip_pose[:, 0])]
     if np.count_nonzero(beyond) > len(within):
         return True
-    shown = find_base(within, arm, settings)
+    shown = find_base(within, arm)
     if shown is None:
         return False
     x, y = run.tip_pose[beyond, :2].T
-    reached = np.hypot(x - shown.x, y - shown.y) <= settings.out_of_reach * arm.reach
+    reached = np.hypot(x - shown.x, y - shown.y) <= TIP_FRAME.out_of_reach * arm.reach
     return 2 * int(np.count_nonzero(reached)) > len(reached)
 
 
 def out_of_reach(
-    run: RecordingData, arm: Arm, settings: TipFrameSettings, *, clamp_known: bool = True
+    run: RecordingData, arm: Arm, *, clamp_known: bool = True
 ) -> npt.NDArray[np.bool_]:
     """Return a mask (frames,) of tip poses farther from the clamp than any arm reaches.
 
@@ -203,7 +201,7 @@ def out_of_reach(
     """
     if run.tip_pose is None:
         return np.zeros(len(run.stamp_ns), dtype=np.bool_)
-    place, largest = run.tip_pose[:, :2], settings.out_of_reach * arm.reach
+    place, largest = run.tip_pose[:, :2], TIP_FRAME.out_of_reach * arm.reach
     if not clamp_known:
         place, largest = place - np.nanmedian(place, axis=0), 2.0 * largest
     return np.asarray(np.hypot(*place.T) > largest)
@@ -218,7 +216,7 @@ def without_poses(run: RecordingData, left_out: npt.NDArray[np.bool_]) -> Record
     return replace(run, tip_pose=pose).subset(np.flatnonzero(~left_out | run.seen.any(axis=1)))
 
 
-def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) -> FoundBase | None:
+def find_base(poses: Array, arm: Arm) -> FoundBase | None:
     """Find the rigid motion that brings poses (frames, 3) onto arcs from the clamp.
 
     None if they do not determine it. Headings may be NaN: each frame then has its own curvature,
@@ -264,11 +262,9 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     inverse = np.linalg.pinv(normal)
     std = np.sqrt(np.abs(variance * np.diag(inverse))[:3])
     singular = np.linalg.svd(normal, compute_uv=False)
-    if singular[-1] < 1e-12 * singular[0] or max(std[0], std[1]) > settings.largest_std * reach:
+    if singular[-1] < 1e-12 * singular[0] or max(std[0], std[1]) > TIP_FRAME.largest_std * reach:
         return None
-    unmodeled = tip_displacements(turns_of(best.x), arm, settings) * np.exp(
-        1j * (clamp + best.x[2])
-    )
+    unmodeled = tip_displacements(turns_of(best.x), arm) * np.exp(1j * (clamp + best.x[2]))
     shift = inverse[:3] @ best.jac.T @ np.concatenate([unmodeled.real, unmodeled.imag])
     std = np.hypot(std, np.sqrt(np.sum(shift**2, axis=1)))
     if std[2] >= ANY_ANGLE or max(std[0], std[1]) >= reach:
@@ -284,7 +280,7 @@ def find_base(poses: Array, arm: Arm, settings: TipFrameSettings = TIP_FRAME) ->
     )
 
 
-def tip_displacements(turns: Array, arm: Arm, settings: TipFrameSettings) -> Places:
+def tip_displacements(turns: Array, arm: Arm) -> Places:
     """Return the displacement of the tip, x + i y (m), by one sigma of departure from an arc.
 
     turns (frames,) rad: heading of the tip relative to the clamp. Returns (frames, modes): modes
@@ -296,9 +292,9 @@ def tip_displacements(turns: Array, arm: Arm, settings: TipFrameSettings) -> Pla
     for order in range(1, MODES + 1):
         of_rms_one = math.sqrt(2 * order + 1) * np.polynomial.legendre.Legendre.basis(order)
         heading = (
-            0.5 * settings.nonuniformity / math.sqrt(MODES) * of_rms_one.integ(lbnd=-1)(_NODES)
+            0.5 * TIP_FRAME.nonuniformity / math.sqrt(MODES) * of_rms_one.integ(lbnd=-1)(_NODES)
         )
         displacements.append(1j * turns * (arc * heading @ _WEIGHTS) / 2.0)
-    elongation = settings.elongation * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
+    elongation = TIP_FRAME.elongation * np.abs(turns) / (np.max(np.abs(turns)) or 1.0)
     displacements.append(elongation * (arc @ _WEIGHTS) / 2.0)
     return np.array(arm.reach * np.column_stack(displacements))

@@ -14,7 +14,7 @@ from pneunet_ros.diagnosis.scores.score_test import (
     largest_clean_score,
     score_effects,
 )
-from pneunet_ros.diagnosis.settings import SCORE_TEST
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SCORE_TEST
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
@@ -144,11 +144,10 @@ def test_the_largest_score_of_clean_data_by_chance():
     rows = ([1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0])
     apart = [invented(name, row) for name, row in zip(NAMES, rows, strict=False)]
     alike = [invented(name, rows[0]) for name in NAMES]
+    level = LACK_OF_FIT.level
     # Three independent squares of normal numbers, or one: quantiles of chi squared.
-    assert largest_clean_score(problem, apart, 0, 0.05) == pytest.approx(
-        chi2.isf(1 - 0.95 ** (1 / 3), 1), rel=0.1
+    assert largest_clean_score(problem, apart, 0) == pytest.approx(
+        chi2.isf(1 - (1 - level) ** (1 / 3), 1), rel=0.2
     )
-    assert largest_clean_score(problem, alike, 0, 0.05) == pytest.approx(
-        chi2.isf(0.05, 1), rel=0.1
-    )
-    assert largest_clean_score(problem, [], 0, 0.05) == 0.0
+    assert largest_clean_score(problem, alike, 0) == pytest.approx(chi2.isf(level, 1), rel=0.2)
+    assert largest_clean_score(problem, [], 0) == 0.0

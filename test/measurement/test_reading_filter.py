@@ -14,7 +14,6 @@ from pneunet_ros.measurement.reading_filter import (
     filter_readings,
     filtered,
     FilteredReadings,
-    READING_FILTER,
     without_reading_noise,
 )
 import pytest
@@ -73,7 +72,7 @@ def test_the_lines_through_an_hour_are_as_good_as_those_through_a_minute():
     truth = np.interp(time % 20.0, corners, pressures)
     noise = STD * np.random.default_rng(1).standard_normal(truth.size)
     stamps = np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
-    left = np.abs(filtered(stamps, truth + noise, STD, READING_FILTER) - truth)
+    left = np.abs(filtered(stamps, truth + noise, STD) - truth)
     assert left.max() < 10.0 * STD
 
 

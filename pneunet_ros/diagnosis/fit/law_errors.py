@@ -21,6 +21,7 @@ from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 DIFFERENCE = 0.1  # of a size; step of the derivative by it
+LEAST_VARIANCE = 1e-6  # of a column that is kept, in units of noise
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 SIZE = 0.3  # error of a size in every frame, each for itself, of the size
 MAY_LEAVE = 0.2  # excess that the law of an effect may leave, of that of the base
@@ -125,12 +126,11 @@ class OpenLaws:
         return 0.5 * squares - gaussian.gain + sum(gaussian.log_volumes)
 
 
-def independent(columns: Array, least: float = 1e-6) -> Array:
+def independent(columns: Array) -> Array:
     """Return nonzero orthogonal columns (rows, n) with the same covariance.
 
-    least: smallest variance to keep. An SVD would have trouble with frames in which an effect does
-    nothing.
+    An SVD would have trouble with frames in which an effect does nothing.
     """
     variances, axes = np.linalg.eigh(columns.T @ columns)
-    kept: Array = columns @ axes[:, variances > least]
+    kept: Array = columns @ axes[:, variances > LEAST_VARIANCE]
     return kept

@@ -120,7 +120,7 @@ class KnownInputs:
         self, runs: Sequence[RecordingData], noise: SensorNoise, alternatives: int = 0
     ) -> None:
         self.common = len(runs) - alternatives
-        self.filtered = [filter_readings(run, noise, LINEARIZATION.reading_filter) for run in runs]
+        self.filtered = [filter_readings(run, noise) for run in runs]
         self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
         self.shown: dict[float, list[RecordingData]] = {}
 

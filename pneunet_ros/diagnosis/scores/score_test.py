@@ -119,12 +119,11 @@ def cosine_matrix(gaussian: GaussianModel, candidates: Sequence[Candidate]) -> A
 
 
 def largest_clean_score(
-    gaussian: GaussianModel, candidates: Sequence[Candidate], seed: int, level: float | None = None
+    gaussian: GaussianModel, candidates: Sequence[Candidate], seed: int
 ) -> float:
-    """Return the value exceeded by the largest score in clean data with probability `level`.
+    """Return what the largest score in clean data exceeds at the level of tests of lack of fit.
 
-    It simulates normal scores of the linearized refit, with their correlations. level: None for
-    that of the tests of lack of fit.
+    It simulates normal scores of the linearized refit, with their correlations.
     """
     if not candidates:
         return 0.0
@@ -132,7 +131,7 @@ def largest_clean_score(
     correlation = cosine_matrix(gaussian, candidates) + NUGGET * np.eye(count)
     random = np.random.default_rng([seed, DRAWS])
     draws = random.standard_normal((DRAWS, count)) @ np.linalg.cholesky(correlation).T
-    return float(np.quantile(np.max(draws**2, axis=1), 1.0 - (level or LACK_OF_FIT.level)))
+    return float(np.quantile(np.max(draws**2, axis=1), 1.0 - LACK_OF_FIT.level))
 
 
 def detection_limits(

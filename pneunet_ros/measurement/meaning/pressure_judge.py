@@ -239,12 +239,10 @@ ANY_ACTUATOR = tuple(
 )
 
 
-def expected_without_model(
-    shipped: Arm, settings: PressureJudgeSettings = JUDGE
-) -> tuple[ExpectedPressure, ...]:
+def expected_without_model(shipped: Arm) -> tuple[ExpectedPressure, ...]:
     """Return the readings expected without a model: those of the shipped arm, or of any other."""
     other_actuators = (
-        replace(one, share=settings.other_actuator * one.share) for one in ANY_ACTUATOR
+        replace(one, share=JUDGE.other_actuator * one.share) for one in ANY_ACTUATOR
     )
     return (expected_of(shipped), *other_actuators)
 
@@ -311,7 +309,6 @@ def judge_pressure(
     fit: Fit | None = None,
     moves: bool = False,
     running: bool = False,
-    settings: PressureJudgeSettings = JUDGE,
 ) -> PressureVerdict | None:
     """Weigh all meanings of readings against the declared one.
 
@@ -322,7 +319,6 @@ def judge_pressure(
         fit: returns the fit of a model to measured targets under a meaning; None: no targets.
         moves: whether the arm is known to bend, so that its pressure changes.
         running: whether more readings will follow, possibly including the largest.
-        settings: priors, and the required odds.
 
     Returns:
         The verdict; None if there is no reading, or all are the same number, zero.
@@ -334,8 +330,8 @@ def judge_pressure(
     def by_actuator(meaning: PressureConvention) -> list[float]:
         return [
             math.log(one.share)
-            + log_prior(meaning, declared, one, settings)
-            + log_likelihood(features, meaning, declared, one, settings)
+            + log_prior(meaning, declared, one)
+            + log_likelihood(features, meaning, declared, one)
             for one in expected
         ]
 
@@ -343,17 +339,17 @@ def judge_pressure(
         meaning: log_sum(by_actuator(meaning)) for meaning in meanings(record, declared, expected)
     }
     if fit is not None:
-        least = max(weights.values()) - settings.viable
+        least = max(weights.values()) - JUDGE.viable
         viable = {one for one, weight in weights.items() if weight > least} | {declared}
         for meaning in viable:
             square, levels = fit(meaning)
-            weights[meaning] -= 0.5 * levels * math.log(square + settings.model_error**2)
+            weights[meaning] -= 0.5 * levels * math.log(square + JUDGE.model_error**2)
         weights = {one: weights[one] for one in viable}
     if len(weights) < 2:
         return None
     other, *rest = ranked(weights, declared)
     first, *other_actuators = by_actuator(declared)
-    alternatives = [one for one in rest if weights[other] - weights[one] < settings.log_odds]
+    alternatives = [one for one in rest if weights[other] - weights[one] < JUDGE.log_odds]
     return PressureVerdict(
         declared=declared,
         other=other,
@@ -362,9 +358,9 @@ def judge_pressure(
         low=record.low,
         high=record.high,
         name=expected[0].name,
-        limit=settings.log_odds,
+        limit=JUDGE.log_odds,
         is_other_actuator=bool(other_actuators)
-        and log_sum(other_actuators) - first > settings.log_odds,
+        and log_sum(other_actuators) - first > JUDGE.log_odds,
     )
 
 
@@ -440,27 +436,24 @@ def meanings(
 
 
 def log_prior(
-    meaning: PressureConvention,
-    declared: PressureConvention,
-    expected: ExpectedPressure,
-    settings: PressureJudgeSettings,
+    meaning: PressureConvention, declared: PressureConvention, expected: ExpectedPressure
 ) -> float:
     """Return the log prior of a pressure convention, given the declared one."""
     weight = 0.0
     if meaning.unit != declared.unit:
         rare = meaning.unit in RARE_UNITS
-        weight += math.log(settings.other_unit / (RARER if rare else 1.0))
+        weight += math.log(JUDGE.other_unit / (RARER if rare else 1.0))
     if meaning.reference != declared.reference:
-        weight += math.log(settings.absolute)
+        weight += math.log(JUDGE.absolute)
     if meaning.sign != declared.sign:
-        weight += math.log(settings.reversed)
+        weight += math.log(JUDGE.reversed)
     if meaning.offset not in (0.0, declared.offset):
-        smallest_offset = min(settings.offset, DOMAIN.pressure_margin * expected.reach)
+        smallest_offset = min(JUDGE.offset, DOMAIN.pressure_margin * expected.reach)
         if abs(meaning.offset - declared.offset) < smallest_offset:
             return IMPOSSIBLE  # a zero error, not another meaning
-        spread = math.hypot(settings.zero_span * expected.reach, settings.offset)
+        spread = math.hypot(JUDGE.zero_span * expected.reach, JUDGE.offset)
         deviation = meaning.offset / spread
-        weight += math.log(settings.unset_zero) - 0.5 * deviation * deviation
+        weight += math.log(JUDGE.unset_zero) - 0.5 * deviation * deviation
     return weight
 
 
@@ -469,37 +462,36 @@ def log_likelihood(
     meaning: PressureConvention,
     declared: PressureConvention,
     expected: ExpectedPressure,
-    settings: PressureJudgeSettings,
 ) -> float:
     """Return the log likelihood of the features of readings under one meaning."""
     low, high = sorted((meaning.gauge(features.low), meaning.gauge(features.high)))
-    log_uniform = 1.0 / (settings.decades * math.log(10.0))
+    log_uniform = 1.0 / (JUDGE.decades * math.log(10.0))
     rest = max(low, -high, 0.0)
-    held = (1.0 - settings.vented) * min(rest / expected.reach, 1.0)
-    at_zero = normal(rest / settings.offset)
+    held = (1.0 - JUDGE.vented) * min(rest / expected.reach, 1.0)
+    at_zero = normal(rest / JUDGE.offset)
     absolute = meaning.reference == ABSOLUTE
     air = air_density(meaning.ambient) if absolute else 0.0
-    vented = settings.vented * at_zero * (air if absolute else log_uniform)
+    vented = JUDGE.vented * at_zero * (air if absolute else log_uniform)
     if absolute and meaning.ambient != declared.ambient:
         held = 0.0  # the lowest reading is the ambient pressure
-    above = high if expected.high > settings.offset else 0.0
-    below = -low if expected.low < -settings.offset else 0.0
+    above = high if expected.high > JUDGE.offset else 0.0
+    below = -low if expected.low < -JUDGE.offset else 0.0
     used = min(max(above, below, 0.0) / expected.reach, 1.0)
     # The largest pressure of a complete recording tends to be near the limit: Beta(2, 1).
-    active = (1.0 - settings.at_rest) * (2.0 * used**2 if features.complete else used)
+    active = (1.0 - JUDGE.at_rest) * (2.0 * used**2 if features.complete else used)
     constant = features.constant
-    near_zero = normal(max(-low, high) / settings.offset) * constant
-    resting = 0.0 if features.moves else settings.at_rest * log_uniform * near_zero
-    least = settings.offset  # a calibration contains its zero error
+    near_zero = normal(max(-low, high) / JUDGE.offset) * constant
+    resting = 0.0 if features.moves else JUDGE.at_rest * log_uniform * near_zero
+    least = JUDGE.offset  # a calibration contains its zero error
     wrong_side = max(
         -low if expected.low > -least else 0.0, high if expected.high < least else 0.0
     )
-    vacuum = settings.vacuum + normal(wrong_side / settings.offset)
+    vacuum = JUDGE.vacuum + normal(wrong_side / JUDGE.offset)
     margin = DOMAIN.pressure_margin
     span = max(expected.high, 0.0) - min(expected.low, 0.0)
     excess = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
-    leaves = settings.leaves * normal(excess / settings.beyond)
-    inside = 1.0 if excess <= margin else leaves + settings.another_arm
+    leaves = JUDGE.leaves * normal(excess / JUDGE.beyond)
+    inside = 1.0 if excess <= margin else leaves + JUDGE.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE
     # Without any change of pressure the furthest reading is the one at rest, at any value.
@@ -509,7 +501,7 @@ def log_likelihood(
         math.log(max(extremes, LEAST))
         + math.log(vacuum)
         + math.log(inside)
-        + log_noise(features.noise, meaning, expected, settings)
+        + log_noise(features.noise, meaning, expected)
     )
 
 
@@ -522,15 +514,10 @@ def air_density(ambient: float) -> float:
     return density
 
 
-def log_noise(
-    noise: float,
-    meaning: PressureConvention,
-    expected: ExpectedPressure,
-    settings: PressureJudgeSettings,
-) -> float:
+def log_noise(noise: float, meaning: PressureConvention, expected: ExpectedPressure) -> float:
     """Return the log likelihood of the noise of readings; 0 if unknown or not expected."""
     if noise <= 0.0 or expected.std <= 0.0:
         return 0.0
     decades = abs(math.log10(noise * meaning.size / expected.std))
-    limited = min(decades, settings.noise_decades)
-    return -0.5 * (limited / math.log10(settings.noise_spread)) ** 2
+    limited = min(decades, JUDGE.noise_decades)
+    return -0.5 * (limited / math.log10(JUDGE.noise_spread)) ** 2

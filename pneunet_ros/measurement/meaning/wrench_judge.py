@@ -180,7 +180,6 @@ def judge_wrench(
     declared: WrenchConvention,
     expected: ExpectedLoad | None,
     shown: ShownForces | None,
-    settings: WrenchJudgeSettings = JUDGE,
 ) -> WrenchVerdict | None:
     """Weigh all meanings of the readings of a force sensor against the declared one.
 
@@ -190,7 +189,6 @@ def judge_wrench(
         declared: the declared meaning of the readings.
         expected: the loads that the model predicts; None: unknown.
         shown: the forces estimated from measured targets; None: no targets.
-        settings: priors, and the odds required for a verdict.
 
     Returns:
         The verdict; None if all readings are zero, or there is nothing to compare with.
@@ -199,9 +197,9 @@ def judge_wrench(
     if largest == 0.0 or (expected is None and shown is None):
         return None
     weights = {
-        meaning: log_prior(meaning, declared, settings)
-        + log_range(readings, meaning, expected, settings)
-        + log_shown(shown, meaning, settings)
+        meaning: log_prior(meaning, declared)
+        + log_range(readings, meaning, expected)
+        + log_shown(shown, meaning)
         for meaning in meanings(declared, shown)
     }
     other = ranked(weights, declared)[0]
@@ -210,7 +208,7 @@ def judge_wrench(
         other=other,
         log_odds=weights[other] - weights[declared],
         largest=largest,
-        limit=settings.log_odds,
+        limit=JUDGE.log_odds,
     )
 
 
@@ -267,30 +265,23 @@ def best_yaw(shown: ShownForces) -> float:
     return round(angle, 2)
 
 
-def log_prior(
-    meaning: WrenchConvention, declared: WrenchConvention, settings: WrenchJudgeSettings
-) -> float:
+def log_prior(meaning: WrenchConvention, declared: WrenchConvention) -> float:
     """Return the log prior of a convention, given the declared one."""
     weight = 0.0
     if meaning.unit != declared.unit:
-        weight += math.log(settings.other_unit)
+        weight += math.log(JUDGE.other_unit)
     if meaning.sign != declared.sign:
-        weight += math.log(settings.reversed)
+        weight += math.log(JUDGE.reversed)
     turn = math.remainder(meaning.yaw - declared.yaw, 2.0 * math.pi)
     if turn:
         right = abs(abs(turn) - 0.5 * math.pi) < 1e-9
-        weight += math.log(settings.other_unit / (1.0 if right else RARER))
+        weight += math.log(JUDGE.other_unit / (1.0 if right else RARER))
     if meaning.offset != declared.offset:
-        weight += math.log(settings.untared)
+        weight += math.log(JUDGE.untared)
     return weight
 
 
-def log_range(
-    readings: Forces,
-    meaning: WrenchConvention,
-    expected: ExpectedLoad | None,
-    settings: WrenchJudgeSettings,
-) -> float:
+def log_range(readings: Forces, meaning: WrenchConvention, expected: ExpectedLoad | None) -> float:
     """Return the log likelihood of the size and the direction of the loads."""
     if expected is None or expected.largest <= 0.0:
         return 0.0
@@ -298,18 +289,16 @@ def log_range(
     used = min(float(np.max(np.abs(force))) / expected.largest, 1.0)
     beyond = expected.beyond(force)
     # Student's t with three degrees of freedom: loads of another experiment are possible.
-    squared_deviation = (beyond / settings.beyond) ** 2
-    inside = 1.0 if beyond == 0.0 else settings.leaves / (1.0 + squared_deviation) ** 2
-    return math.log(2.0 * used**2 + settings.idle) + math.log(inside)
+    squared_deviation = (beyond / JUDGE.beyond) ** 2
+    inside = 1.0 if beyond == 0.0 else JUDGE.leaves / (1.0 + squared_deviation) ** 2
+    return math.log(2.0 * used**2 + JUDGE.idle) + math.log(inside)
 
 
-def log_shown(
-    shown: ShownForces | None, meaning: WrenchConvention, settings: WrenchJudgeSettings
-) -> float:
+def log_shown(shown: ShownForces | None, meaning: WrenchConvention) -> float:
     """Return the log likelihood of the forces estimated from targets."""
     if shown is None:
         return 0.0
     largest = max(float(np.max(np.abs(shown.force))), shown.scale)
-    noise = shown.std**2 + (settings.model_error * largest) ** 2
+    noise = shown.std**2 + (JUDGE.model_error * largest) ** 2
     square = np.abs(shown.force - meaning.force(shown.reading)) ** 2 / noise
     return -0.5 * len(square) * math.log(1.0 + float(np.mean(square)))

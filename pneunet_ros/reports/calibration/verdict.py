@@ -16,7 +16,7 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.reports.paper_views.moment_curvature import law_view
-from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
+from pneunet_ros.reports.settings import REPORT_SETTINGS
 from pneunet_ros.solver.columns import THETA
 
 BELOW_NOISE = 0.7  # times the noise: residuals show that it was overestimated
@@ -60,34 +60,29 @@ class BendingStiffness:
     pressure: float
 
 
-def verdict_of(
-    calibration: Calibration,
-    settings: ReportSettings = REPORT_SETTINGS,
-    *,
-    files: Files = UNKNOWN_FILES,
-) -> Verdict:
+def verdict_of(calibration: Calibration, *, files: Files = UNKNOWN_FILES) -> Verdict:
     """Return the verdict on a calibration."""
     joint = calibration.joint
     stiffness = bending_stiffness(joint)
     certainty = 'The bending stiffness was not measured: no recording is under load.'
     if stiffness:
         certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
-    next_step, command = next_steps(calibration, bool(stiffness), settings, files)
+    next_step, command = next_steps(calibration, bool(stiffness), files)
     return Verdict(
-        fits=joint.converged and not exceeds_noise(calibration, settings),
-        fit=fit_sentence(calibration, settings),
+        fits=joint.converged and not exceeds_noise(calibration),
+        fit=fit_sentence(calibration),
         certainty=certainty,
         next_step=next_step,
         command=command,
     )
 
 
-def exceeds_noise(calibration: Calibration, settings: ReportSettings) -> bool:
+def exceeds_noise(calibration: Calibration) -> bool:
     """Whether the residuals exceed the noise or are correlated along the arm."""
-    return noise_ratio(calibration.joint) > settings.as_noise or varies(calibration)
+    return noise_ratio(calibration.joint) > REPORT_SETTINGS.as_noise or varies(calibration)
 
 
-def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
+def fit_sentence(calibration: Calibration) -> Note:
     """Describe the error of the model in mm, relative to the length and to the noise."""
     fit = calibration.joint
     if not fit.converged:
@@ -101,22 +96,22 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> Note:
     if math.isnan(rms):
         size = f'{math.degrees(heading_rms(fit.runs)):.2g} degrees rms of the heading of the tip'
     times = noise_ratio(fit)
-    if times <= settings.as_noise and varies(calibration):
+    if times <= REPORT_SETTINGS.as_noise and varies(calibration):
         return Note(
             f'The model does not fit: {size}, no more than the noise of single targets, but the '
             'errors of neighboring targets are correlated: the stiffness seems to vary along the '
             'arm in a way that the moment law does not allow.',
             reason='uneven_stiffness',
         )
-    if times <= settings.as_noise:
+    if times <= REPORT_SETTINGS.as_noise:
         larger = larger_under_load(fit)
-        if larger <= settings.hidden_under_load and times < BELOW_NOISE:
+        if larger <= REPORT_SETTINGS.hidden_under_load and times < BELOW_NOISE:
             return Note(
                 f'The model fits: {size}, better than the assumed noise ({times:.2g} times it). '
                 'Standard errors that rest on that noise are too large.',
                 reason='better_than_noise',
             )
-        if larger <= settings.hidden_under_load:
+        if larger <= REPORT_SETTINGS.hidden_under_load:
             return Note(f'The model fits: {size}, as good as the noise.', reason='fits')
         return Note(
             f'Not sure: {size}. The residuals of loaded recordings are {larger:.2g} times those '
@@ -217,9 +212,7 @@ def stiffness_with_error(value: float, std: float) -> str:
     return f'({scaled:.{places}f} ± {error:.{places}f})e{power} N m^2'
 
 
-def next_steps(
-    calibration: Calibration, loaded: bool, settings: ReportSettings, files: Files
-) -> tuple[str, str]:
+def next_steps(calibration: Calibration, loaded: bool, files: Files) -> tuple[str, str]:
     """Return the next step and its command."""
     joint = calibration.joint
     names = shlex.join(item.run.name for item in joint.runs)
@@ -234,7 +227,7 @@ def next_steps(
             f'clock{force if loaded else ""}.',
             f'pneunet check {names} --model {arm}',
         )
-    if exceeds_noise(calibration, settings):
+    if exceeds_noise(calibration):
         return (
             'Find the missing effect; hold one recording out.',
             f'pneunet diagnose --model {model} --train {names} --heldout FRESH.mcap --output DIR',
