@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import sys
 
 from pneunet_ros.core.threads import use_one_thread
@@ -26,7 +27,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.fusion.belief import Belief, first_belief
-from pneunet_ros.fusion.contact import correlation_with_tip, with_any_contact
+from pneunet_ros.fusion.contact import with_any_contact
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.measurement.blocks.block import FrameInputs
@@ -98,6 +99,15 @@ def posterior(
     trial = problem.try_at(truth, trial.bent.solution)
     known = None if trial is None else problem.linearize(trial)
     return None if known is None else problem.posterior(known)
+
+
+def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
+    """Return the multiple correlation of the contact force with the tip force."""
+    root = belief.root
+    force, contact = root[unknowns.at(TipForce)], root[unknowns.at(Push).start]
+    along = force @ contact
+    explained = along @ np.linalg.lstsq(force @ force.T, along, rcond=None)[0]
+    return math.sqrt(min(max(float(explained / (contact @ contact)), 0.0), 1.0))
 
 
 def numbers_of(unknowns: Unknowns, belief: Belief) -> list[float]:

@@ -15,7 +15,7 @@ from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR, PRESSURE
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.causes import CAMERA, CAUSES
-from pneunet_ros.fusion.contact import Contact, CONTACT_APART, correlation_with_tip
+from pneunet_ros.fusion.contact import Contact, CONTACT_APART
 from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
 from pneunet_ros.fusion.frame_update import FRAME_GATE
 from pneunet_ros.fusion.prepared_model import PreparedModel
@@ -258,7 +258,7 @@ def contact_at(
     if abs(force) < model.settings.contact_least * model.force_scale:
         return None
     push = model.unknowns.at(Push)
-    shape, correlation = bent.shape, correlation_with_tip(model.unknowns, belief)
+    shape = bent.shape
     free = [one.log_weight for one in state.bank if not one.belief.touched]
     force_unmeasured = wrench is None and not model.settings.free_tip
     return Contact(
@@ -269,7 +269,6 @@ def contact_at(
         force=force,
         std_force=belief.std(push.start),
         log_odds=state.bank[0].log_weight - max(free, default=-model.settings.bound),
-        correlation=correlation,
         ambiguous=force_unmeasured or not all(is_there(model, place, one) for one in state.bank),
     )
 

@@ -11,7 +11,6 @@ Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -20,7 +19,6 @@ from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import evidence_cost, excess, Fit, leave_out, left_out_cost
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.motion import Motion
-from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.model.part_load import pushed_on_panels
@@ -35,9 +33,8 @@ class Contact:
     """A contact: its position and force.
 
     x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
-    along its normal (-sin theta, cos theta); log_odds of a contact against none; correlation: of
-    its force with the tip force; ambiguous: whether the two cannot be distinguished because no
-    sensor measures the tip force.
+    along its normal (-sin theta, cos theta); log_odds of a contact against none; ambiguous:
+    whether contact and tip force cannot be told apart because no sensor measures the latter.
     """
 
     x: float
@@ -47,7 +44,6 @@ class Contact:
     force: float
     std_force: float
     log_odds: float
-    correlation: float
     ambiguous: bool
 
 
@@ -66,15 +62,6 @@ def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
     more[where] = np.diag(std)
     root = freeze(np.hstack([belief.root, more]))
     return replace(belief, mean=freeze(mean), root=root, causes=belief.causes | {CONTACT})
-
-
-def correlation_with_tip(unknowns: Unknowns, belief: Belief) -> float:
-    """Return the multiple correlation of the contact force with the tip force."""
-    root = belief.root
-    force, contact = root[unknowns.at(TipForce)], root[unknowns.at(Push).start]
-    along = force @ contact
-    explained = along @ np.linalg.lstsq(force @ force.T, along, rcond=None)[0]
-    return math.sqrt(min(max(float(explained / (contact @ contact)), 0.0), 1.0))
 
 
 def differs_from_zero(fit: Fit, limit: float) -> bool:

@@ -10,7 +10,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import first_belief
-from pneunet_ros.fusion.contact import correlation_with_tip, with_any_contact, without_contact
+from pneunet_ros.fusion.contact import with_any_contact, without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
@@ -205,15 +205,13 @@ def test_the_point_says_what_was_found_and_there_is_none_without_a_contact():
     assert point['y'] == pytest.approx(np.interp(point['s'], shape.arclength, shape.y))
 
 
-def test_the_correlation_with_the_tip_force_is_that_of_the_covariance():
+def test_without_its_contact_a_belief_keeps_its_tip_force():
     unknowns = Fusion(arm=arm()).model.unknowns
     belief = with_any_contact(unknowns, first_belief(unknowns, 0))
-    assert correlation_with_tip(unknowns, belief) == 0.0
     root = belief.root.copy()
     std = belief.root[unknowns.at(Push).start, -2]
     root[0, -2], root[0, 0] = 0.6 * std, 0.8 * std
     alike = replace(belief, root=root)
-    assert correlation_with_tip(unknowns, alike) == pytest.approx(0.6)
     assert alike.touched
     free = without_contact(unknowns, alike)
     assert not free.touched

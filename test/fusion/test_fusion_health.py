@@ -63,7 +63,6 @@ def contact(ambiguous):
         force=0.012,
         std_force=1e-3,
         log_odds=7.0,
-        correlation=0.5,
         ambiguous=ambiguous,
     )
 

@@ -37,7 +37,6 @@ def test_departures_have_their_standard_errors():
     found = [straight(0.2, PRESSURE, value, covariance) for value in draws]
     spread = np.std([item.departure for item in found], axis=0)
     assert np.allclose(spread, found[0].departure_std, rtol=0.2)
-    assert np.std([item.slope for item in found]) == pytest.approx(found[0].slope_std, rel=0.2)
 
 
 def test_too_few_pressures_tell_nothing():

@@ -23,9 +23,7 @@ class Camera(Block):
     of the base frame from the neutral line at the clamp.
     """
 
-    DRIFT: ClassVar = slice(0, 2)
     PLACE: ClassVar = slice(2, 4)
-    TURN: ClassVar = slice(4, 5)
 
     drift_std: float
     place_std: float

@@ -29,7 +29,6 @@ class Linearity:
     std: Array
     intercept: float
     slope: float
-    slope_std: float
     departure: Array
     departure_std: Array
 
@@ -52,8 +51,7 @@ def straight(place: float, pressure: Array, value: Array, covariance: Array) -> 
     middle, half = pressure.mean(), 0.5 * np.ptp(pressure)
     design = np.column_stack([np.ones(pressure.size), (pressure - middle) / half])
     weighted = np.linalg.solve(regular, design)
-    covariance_of_line = np.linalg.inv(design.T @ weighted)
-    fitter = covariance_of_line @ weighted.T
+    fitter = np.linalg.solve(design.T @ weighted, weighted.T)
     level, trend = (fitter @ value).tolist()
     residual_maker = np.eye(pressure.size) - design @ fitter
     variance = np.diag(residual_maker @ regular @ residual_maker.T)
@@ -64,7 +62,6 @@ def straight(place: float, pressure: Array, value: Array, covariance: Array) -> 
         std=np.sqrt(np.diag(covariance)),
         intercept=level - trend * middle / half,
         slope=trend / half,
-        slope_std=float(np.sqrt(covariance_of_line[1, 1])) / half,
         departure=residual_maker @ value,
         departure_std=np.sqrt(np.maximum(variance, NUGGET * np.max(np.diag(regular)))),
     )
