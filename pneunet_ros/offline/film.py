@@ -132,24 +132,23 @@ def _shifted(tracking: Tracking, by_ns: int) -> Tracking:
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     """Return a film with a string at the tip: the load in each row follows the tip.
 
-    Rows before the first and after the last frame that shows the tip have none. Raises
-    RequestError if no frame shows the tip, or if the eye of the string lies on the arm.
+    It is known between two frames that show the tip. Raises RequestError if no frame shows it, or
+    if the eye of the string lies on the arm.
     """
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])
     string.check_clearance(points[:, 0], points[:, 1], radius_of(arm))
     tips = tips_of(points, arm)
-    known = np.isfinite(tips).all(axis=1)
-    if not known.any():
+    if not np.isfinite(tips).all(axis=1).any():
         raise RequestError(
             '--string: no frame of the film shows the tip, to which the string is tied',
             reason='no_tip',
         )
     start = run.table.stamp_ns[0]
-    seen = np.array([frame.stamp_ns for frame in sightings])[known] - start
+    seen = np.array([frame.stamp_ns for frame in sightings]) - start
     rows = run.table.stamp_ns - start
     tip_positions = np.column_stack(
-        [np.interp(rows, seen, part, left=np.nan, right=np.nan) for part in tips[known].T]
+        [np.interp(rows, seen, part, left=np.nan, right=np.nan) for part in tips.T]
     )
     load = np.column_stack([string.pull(tip_positions), np.zeros(len(tip_positions))])
     table = replace(run.table, values={**run.table.values, END_WRENCH.name: load})

@@ -224,24 +224,42 @@ def test_strings_of_recordings_are_read_and_wrong_ones_refused():
             by_recording('--string', given, paths, string_of)
 
 
-def test_what_a_film_makes_of_a_string_is_no_reading(arm, tmp_path):
-    string = String(tension=0.1, x=EYE[0], y=EYE[1])
-    shapes = [solve_string(arm, p, string) for p in (0.0, 20e3, 40e3, 60e3)]
+def pulled_film(arm, shapes, hidden=()):
+    """Return a film of these shapes, the tip hidden in some of them, with a row per frame."""
     run = run_with(arm, shapes)
+    seen_x = run.x.copy()
+    seen_x[list(hidden), -1] = np.nan
     targets = arm.target_arclength.size
     trackings = tuple(
         Tracking(
             sightings=dataclasses.replace(unseen_targets(int(stamp), targets), x=x, y=y),
             curve=None,
         )
-        for stamp, x, y in zip(run.stamp_ns, run.x, run.y, strict=True)
+        for stamp, x, y in zip(run.stamp_ns, seen_x, run.y, strict=True)
     )
     values = {
         sensor.name: np.full((len(shapes), *sensor.row_shape(0)), np.nan) for sensor in SENSORS
     }
     values['pressure'] = run.pressure[:, None]
     table = ReadingTable(stamp_ns=run.stamp_ns, values=values)
-    film = film_with_string(FilmedRun(trackings=trackings, table=table), string, arm)
+    return FilmedRun(trackings=trackings, table=table)
+
+
+def test_a_film_knows_no_load_while_the_tip_is_hidden(arm):
+    string = String(tension=0.1, x=EYE[0], y=EYE[1])
+    shapes = [solve_string(arm, p, string) for p in (0.0, 0.0, 0.0, 60e3, 60e3)]
+    found = film_with_string(pulled_film(arm, shapes, hidden=(1, 2)), string, arm)
+    load = found.table.values['end_wrench'][:, :2]
+    assert np.isfinite(load).all(axis=1).tolist() == [True, False, False, True, True]
+    kept = [0, 3, 4]
+    assert load[kept] == pytest.approx(np.array([shapes[i].force for i in kept]), abs=3e-5)
+
+
+def test_what_a_film_makes_of_a_string_is_no_reading(arm, tmp_path):
+    string = String(tension=0.1, x=EYE[0], y=EYE[1])
+    shapes = [solve_string(arm, p, string) for p in (0.0, 20e3, 40e3, 60e3)]
+    targets = arm.target_arclength.size
+    film = film_with_string(pulled_film(arm, shapes), string, arm)
     path = tmp_path / 'pulled.mcap'
     with write_recording(path, overwrite=False) as writer:
         record_film(writer, film)
