@@ -165,7 +165,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'not_in_place': 'a message cannot be filled in place',
     'not_reached': 'no pressure reaches the wanted force',
     'not_serialized': 'a message cannot be serialized',
-    'other_arm': 'the recording to be continued is of another arm',
+    'other_arm': 'a recording or calibration to be continued is of another arm',
     'other_model': 'the MuJoCo model is not one of `pneunet mjcf`',
     'singular_rigidity': 'a rigidity is zero or changes sign',
     'too_short': 'a recording or protocol is too short',

@@ -370,6 +370,12 @@ class FitSequence:
                 'tip counts as one); recalibrate with all recordings',
                 reason='wrong_targets',
             )
+        if not earlier.is_of(self.frame):
+            raise RequestError(
+                'the calibration to be continued is of an arm with another length, weight or '
+                'target_arclength, to which its numbers refer; recalibrate with all recordings',
+                reason='other_arm',
+            )
         kind = kind or earlier.kind or PiecewiseLinearLaw.kind
         if earlier.kind and earlier.kind != kind:
             raise RequestError(

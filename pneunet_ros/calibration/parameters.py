@@ -31,6 +31,11 @@ class Hyperparameters:
     length_scale: float
 
 
+def reference_of(arm: Arm) -> Array:
+    """Return what the parameters of a fit refer to: length (m), weight (N), targets (m)."""
+    return np.array([arm.length, arm.weight, *arm.target_arclength])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PosteriorState:
     """Mean and covariance of all parameters of a fit: the prior of the next one.
@@ -42,7 +47,9 @@ class PosteriorState:
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' if none was fitted.
     shapes, elongates: as in `Parameters`, 0 for as many as there are knots. information (n, n):
-    information of all recordings so far on the values, without the prior.
+    information of all recordings so far on the values, without the prior. arm (2 + targets,):
+    length (m), weight (N) and places of the targets (m) of the arm, to which values and placement
+    refer; None if unknown.
     """
 
     values: Array
@@ -57,16 +64,23 @@ class PosteriorState:
     information: Array
     shapes: int = 0
     elongates: bool | None = None
+    arm: Array | None = None
 
     def __post_init__(self) -> None:
         """Check that the shapes of the arrays agree."""
         for name in ('pressure', 'arclength', 'values', 'placement'):
             values = getattr(self, name)
             object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
+        if self.arm is not None:
+            object.__setattr__(self, 'arm', frozen_array(self.arm))
         shape = (self.values.size,) * 2
         object.__setattr__(self, 'information', frozen_array(self.information, shape))
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
+
+    def is_of(self, arm: Arm) -> bool:
+        """Whether it refers to an arm of this length, weight and targets, or this is unknown."""
+        return self.arm is None or np.array_equal(self.arm, reference_of(arm))
 
     def has_tip(self, painted: int) -> bool:
         """Whether the last target is the measured tip, added to this many targets."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.parameters import Parameters, PosteriorState
+from pneunet_ros.calibration.parameters import Parameters, PosteriorState, reference_of
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.model.arm import Arm
@@ -66,6 +66,7 @@ class Fit:
             high=high,
             shapes=self.parameters.shapes or 0,
             elongates=self.parameters.elongates,
+            arm=reference_of(self.parameters.frame),
             values=self.values,
             placement=self.placement.ravel(),
             covariance=self.shared_covariance,

@@ -45,6 +45,7 @@ KNOWLEDGE = {
     'information': Declared(axes=('values', 'values'), definite='semi', required=False),
     'shapes': Declared(kind='integer', required=False),
     'elongates': Declared(kind='integer', required=False),
+    'arm': Declared(axes=('reference',), required=False),
 }
 
 
@@ -141,13 +142,12 @@ def knowledge_file(model: Path) -> Path:
 def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -> None:
     """Write the posterior next to its model file."""
     with atomic_output(knowledge_file(model), overwrite=overwrite) as temporary:
+        values = {item.name: getattr(knowledge, item.name) for item in fields(knowledge)}
         arrays = {
-            item.name: np.asarray(getattr(knowledge, item.name))
-            for item in fields(knowledge)
-            if item.name != 'elongates'
+            name: np.asarray(int(value) if isinstance(value, bool) else value)
+            for name, value in values.items()
+            if value is not None
         }
-        if knowledge.elongates is not None:
-            arrays['elongates'] = np.asarray(int(knowledge.elongates))
         np.savez_compressed(temporary, allow_pickle=False, **arrays)
 
 

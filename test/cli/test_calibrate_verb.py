@@ -21,6 +21,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.files.model_file import save_model
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge, save_knowledge
@@ -194,6 +195,13 @@ def test_a_calibration_goes_on(run, lab, model):
     assert load_knowledge(Path('on.yaml')).kind == 'piecewise_linear'
 
 
+def test_a_calibration_of_another_arm_does_not_go_on(run, lab, model, tmp_path):
+    arm = load_model(model[0])
+    save_model(dataclasses.replace(arm, weight=1.05 * arm.weight), tmp_path / 'other.yaml')
+    words = ('--loaded', lab / f'{LATER}.mcap', '--continue', model[0], '--output', 'on.yaml')
+    assert refusal(run(*words, '--arm', tmp_path / 'other.yaml', '--json')) == 'other_arm'
+
+
 def test_a_recording_counts_once(run, lab, model):
     path, _ = model
     free, copy = lab / 'unloaded_ramp.mcap', Path('copy.mcap')
@@ -265,6 +273,7 @@ def test_knowledge_comes_back_as_it_was(model, tmp_path):
     known = load_knowledge(model[0])
     save_knowledge(known, tmp_path / 'again.yaml', overwrite=False)
     again = load_knowledge(tmp_path / 'again.yaml')
+    assert known.arm is not None
     for item in dataclasses.fields(known):
         assert np.array_equal(getattr(known, item.name), getattr(again, item.name))
     with refused(RecordingError, 'exists'):
