@@ -125,7 +125,7 @@ def read_measured(
             Note(
                 f'{topics.pop(TIP_POSE.name)} was left out: it is in the frame '
                 f'{frames[TIP_POSE.name]}, and the targets are in {frame}',
-                reason='wrong_frame',
+                reason='other_frame',
             )
         )
     settings = EstimatorSettings(frame_id=frame)
