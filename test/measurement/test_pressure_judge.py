@@ -117,6 +117,20 @@ def test_where_no_model_is_known_only_what_no_actuator_has_is_accused():
     assert not verdict(NOISY / 7.0, expected=ANY_ACTUATOR).contradicted
 
 
+@pytest.mark.parametrize(('low', 'high'), [(-60e3, 60e3), (-30e3, 60e3), (-80e3, 30e3)])
+def test_an_actuator_with_pressure_and_vacuum_is_not_accused(low, high):
+    values = low + (high - low) * NOISY / NOISY.max()
+    assert not verdict(values, expected=ANY_ACTUATOR).contradicted
+
+
+@pytest.mark.parametrize('air', [85e3, 90e3, 95e3])
+def test_absolute_pressures_at_a_height_are_none_of_a_vacuum(air):
+    found = verdict(NOISY + air, expected=ANY_ACTUATOR)
+    assert found.log_odds > 0.0
+    assert found.other.reference == 'absolute'
+    assert found.other.ambient == pytest.approx(air, abs=300.0)
+
+
 def test_targets_find_a_zero_that_was_never_set():
     pressure = np.linspace(0.0, 60e3, 8)
     shapes = [solve(ARM, value) for value in pressure]
