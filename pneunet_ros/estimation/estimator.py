@@ -131,7 +131,8 @@ class Estimator:
             elapsed = seconds_between(state.history_ns, reading.stamp_ns)
         notes = [note] if note else []
         if elapsed > self.settings.input_timeout:
-            notes.append(f'first pressure after {elapsed:.3g} s')
+            limit = self.settings.input_timeout
+            notes.append(f'first pressure after more than {limit:g} s (input_timeout)')
         gauge = self.settings.pressure.gauge(reading.pressure)
         wrench, age, refusal = self.wrench_at(state, reading.stamp_ns)
         gravity, unknown = self.gravity.at(state.gravity, reading.stamp_ns)
