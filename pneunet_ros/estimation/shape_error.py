@@ -172,7 +172,7 @@ class Comparison:
     """Comparison of one source with another; length (m) of the arm, NaN if unknown.
 
     tip, shape: None if one side does not have it, if no frame matches, or if the two are of
-    different arms or runs, as described in `unlike`.
+    different arms, as described in `unlike`.
     """
 
     of: ShapeSeries
@@ -222,7 +222,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
 
 
 def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
-    """Explain why two sides are of different arms or runs; empty if they may be the same."""
+    """Explain why two sides are of different arms; empty if they may be the same."""
     notes = []
     ends = [
         float(item.centerlines.arclength[-1])
@@ -248,8 +248,6 @@ def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
                     reason='other_length',
                 )
             )
-    if of.pressures is not None and to.pressures is not None:
-        notes += _other_pressures(of, of.pressures, to, to.pressures)
     return tuple(notes)
 
 
@@ -264,10 +262,11 @@ def _stretch(line: Centerlines | None) -> float:
     return float(np.quantile(chord, 0.95) / (line.arclength[-1] - line.arclength[0]))
 
 
-def _other_pressures(
-    of: ShapeSeries, mine: Pressures, to: ShapeSeries, other: Pressures
-) -> list[Note]:
+def other_pressures(of: ShapeSeries, to: ShapeSeries) -> list[Note]:
     """Report that the pressures of two sides differ at the same stamps."""
+    mine, other = of.pressures, to.pressures
+    if mine is None or other is None:
+        return []
     low = max(mine.stamp_ns[0], other.stamp_ns[0])
     high = min(mine.stamp_ns[-1], other.stamp_ns[-1])
     within = (mine.stamp_ns >= low) & (mine.stamp_ns <= high)
@@ -281,8 +280,9 @@ def _other_pressures(
         return []
     return [
         Note(
-            f'they are of different runs: at the same stamps the pressures of {of.name} and '
-            f'{to.name} differ by {1e-3 * difference:.3g} kPa rms',
+            f'at the same stamps the pressures of {of.name} and {to.name} differ by '
+            f'{1e-3 * difference:.3g} kPa rms: they are of different runs, or of sensors with '
+            'another unit, sign or reference',
             reason='other_run',
         )
     ]

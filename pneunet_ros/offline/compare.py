@@ -20,6 +20,7 @@ from pneunet_ros.estimation.shape_error import (
     Comparison,
     contents,
     error_statistics,
+    other_pressures,
     ShapeSeries,
     TipErrors,
 )
@@ -148,7 +149,7 @@ def limitations(comparison: Comparison) -> list[Note]:
     if comparison.tip is None and comparison.shape is None:
         sides = f'no frame of {comparison.of.name} matches a frame of {comparison.to.name}'
         return [Note(f'{sides}: {spans(comparison)}', reason='nothing_in_common')]
-    notes = []
+    notes = other_pressures(comparison.of, comparison.to)
     tip = comparison.tip
     if tip is not None and not tip.at_end:
         notes.append(
