@@ -111,8 +111,9 @@ class Fleet:
         return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
 
     def describe(self, arm: int) -> str:
-        """Name the quantity in which an arm differs most from the others."""
-        which = int(np.nanargmax(np.abs(self.deviations[arm])))
+        """Name the compared quantity in which an arm differs most from the others."""
+        compared = np.isfinite(self.values).sum(axis=0) >= FEWEST_COMPARED
+        which = int(np.nanargmax(np.where(compared, np.abs(self.deviations[arm]), np.nan)))
         number = self.numbers[which]
         unit = '' if number.unit == '-' else f' {number.unit}'
         sentence = (

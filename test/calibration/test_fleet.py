@@ -94,6 +94,19 @@ def test_an_arm_that_lacks_a_number_is_compared_by_the_others():
     assert np.isnan(found.values[7, 2])
 
 
+def test_an_odd_arm_is_described_by_a_number_that_is_compared():
+    random = np.random.default_rng(5)
+    arms = {}
+    for which in range(16):
+        values = {NUMBERS[0]: random.standard_normal() + 15.0 * (which == 0)}
+        if which < 3:  # too few for a comparison
+            values[NUMBERS[1]] = (50.0, 0.0, 1e-3)[which]
+        arms[f'arm{which}'] = ArmNumbers(values=values, covariance=1e-6 * np.eye(len(values)))
+    found = compare_arms(arms, 1.0)
+    assert [found.names[place] for place in found.odd] == ['arm0']
+    assert 'arm0: a is ' in found.sentence
+
+
 def test_of_few_arms_none_is_called_odd():
     few = fleet(5, arms=5, moved=(50.0, 0.0, 0.0))
     assert few.odd == ()
