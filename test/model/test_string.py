@@ -191,6 +191,15 @@ def test_predict_and_what_does_not_go_with_a_string(capsys):
         assert main(asked) != 0
 
 
+@pytest.mark.parametrize(
+    ('load', 'known'), [('--string 10g 412mm 0', False), ('--force 0 0', True)]
+)
+def test_predict_gives_a_curvature_no_error_that_is_not_that_of_a_string(capsys, load, known):
+    assert main(['predict', '--pressure', '40kPa', *load.split()]) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if 'largest' in line)
+    assert bool(row.split('│')[3].strip()) == known
+
+
 def test_the_lab_pulls_as_the_model_does():
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     pulley = LabPulley(eye_x=scenario.arm.reach + 0.3, eye_y=0.02)

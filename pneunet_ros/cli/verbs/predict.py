@@ -224,6 +224,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
             estimate,
             jacobian=turned @ estimate.jacobian,
             tip_covariance=turned @ estimate.tip_covariance @ turned.T,
+            std_curvature=np.full_like(estimate.std_curvature, np.nan),  # that of a fixed force
         )
     if not arguments.tip or estimate is None:
         return Prediction(shape=shape, estimate=estimate)
@@ -328,7 +329,8 @@ def show(
     def add(name: str, value: float, std: float | None, unit: Unit, places: int) -> None:
         """Add a row: value and standard deviation in this unit."""
         texts = (
-            '' if item is None else f'{unit.per_si * item:.{places}f}' for item in (value, std)
+            '' if item is None or math.isnan(item) else f'{unit.per_si * item:.{places}f}'
+            for item in (value, std)
         )
         rows.append((name, *texts, unit.name))
 
