@@ -224,6 +224,12 @@ def test_requests_that_cannot_be_met(tmp_path, recording, monkeypatch, capsys, w
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_an_export_has_no_option_for_what_it_does_not_do(tmp_path, recording):
+    words = ['export', str(recording), '--output', str(tmp_path / 't.csv'), '--no-judge-readings']
+    with pytest.raises(SystemExit):
+        main(words)
+
+
 def test_images_alone_are_nothing_to_export(tmp_path, recording, capsys):
     with write_recording(tmp_path / 'empty.mcap') as writer:
         writer.add('/pneunet/image_raw', 'sensor_msgs/msg/Image')

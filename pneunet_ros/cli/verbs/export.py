@@ -44,7 +44,7 @@ def options(parser: ArgumentParser) -> None:
     meaning = 'write the table here; a .npz file gets arrays with the same names'
     verb.add_output(parser, 'TABLE.csv', meaning)
     verb.add_topics(parser)
-    verb.add_settings(parser, verb.SENSOR_SETTINGS)
+    verb.add_settings(parser, {*verb.SENSOR_SETTINGS} - {'judge_readings'})
     verb.add_dimensionless(parser, 'write')
     verb.add_model(parser)
 
