@@ -71,7 +71,7 @@ def row_from_clamp(
     blobs = blob_columns(points, areas, shapes)
     chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
     truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
-    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, cost, search):
+    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, search):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots
     return TargetRow(chosen, cost)
 
@@ -152,8 +152,8 @@ def _is_whole(
     reverse = arclength[-1] - arclength[::-1]
     return not (
         np.unique(row.chosen[row.chosen >= 0]).size < row.seen
-        or continues_beyond(blobs, arclength, row.chosen, row.cost, search)
-        or continues_beyond(blobs, reverse, row.chosen[::-1], row.cost, search)
+        or continues_beyond(blobs, arclength, row.chosen, search)
+        or continues_beyond(blobs, reverse, row.chosen[::-1], search)
     )
 
 

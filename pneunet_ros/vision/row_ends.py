@@ -16,7 +16,6 @@ from pneunet_ros.vision.beam_search import (
     look_cost,
     misfit,
     NOTHING,
-    ODD,
     off_arc,
     SCALE,
     search_numbers,
@@ -85,13 +84,9 @@ def _wrap_angle(angle: Array) -> Array:
 
 
 def continues_beyond(
-    blobs: BlobColumns, arclength: Array, chosen: Indices, cost: float, search: BeamSearchSettings
+    blobs: BlobColumns, arclength: Array, chosen: Indices, search: BeamSearchSettings
 ) -> bool:
-    """Whether there is another similar blob one spacing beyond the last target of a row.
-
-    cost: of the row. A blob that fits far worse than those in the row is a coincidence, like many
-    in printed text.
-    """
+    """Whether there is another similar blob one spacing beyond the last target of a row."""
     x, y, looks, _ = blobs
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < 2:
@@ -104,23 +99,14 @@ def continues_beyond(
     row[SCALE] = math.hypot(step_x, step_y) / (arclength[-1] - arclength[seen[-2]])
     spacing = _spacing_at(arclength, arclength.size - 1)
     unit = float(row[SCALE]) * spacing
-    of_row = (cost - search.missing * (chosen.size - seen.size)) / seen.size
-    continues = min(search.continues, ODD**2 * of_row)
-    numbers = search_numbers(search)
-    return bool(_continues(blobs.table, row, b, spacing, unit, continues, numbers))
+    return bool(_continues(blobs.table, row, b, spacing, unit, search_numbers(search)))
 
 
 @kernel
 def _continues(
-    blobs: Array,
-    row: Array,
-    last: int,
-    spacing: float,
-    unit: float,
-    continues: float,
-    search: BeamSearchSettings,
+    blobs: Array, row: Array, last: int, spacing: float, unit: float, search: BeamSearchSettings
 ) -> bool:
-    """Whether a blob continues a row at a cost below `continues`; last: the blob at its end.
+    """Whether a blob continues a row; last: the blob at its end.
 
     blobs (BLOB_ROWS, blobs): x, y, appearance and costs; row (LAST + 1,); spacing m; unit: the
     spacing in the image.
@@ -131,7 +117,7 @@ def _continues(
             continue
         along, across = off_arc(x, y, row, spacing)
         cost = misfit(along / unit, across / unit, 0.0, search)
-        if cost + look_cost(blobs, blob, row, search) < continues:
+        if cost + look_cost(blobs, blob, row, search) < search.continues:
             return True
     return False
 

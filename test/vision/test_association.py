@@ -46,6 +46,20 @@ def test_a_row_of_three_on_an_arm_that_curls_is_found(bend):
     assert found.chosen.tolist() == [4, 0, 2]
 
 
+@pytest.mark.parametrize('end', [0, -1])
+@pytest.mark.parametrize('off', [1e-3, 0.1])
+def test_a_row_that_goes_on_is_no_row_however_well_it_fits(end, off):
+    """One dot more than the model has, off by a share of the spacing; the others fit exactly."""
+    row = np.stack([SPACING * np.arange(ARCLENGTH.size + 1), np.zeros(ARCLENGTH.size + 1)], 1)
+    row += np.random.default_rng(2).normal(0.0, 1e-4 * SPACING, row.shape)
+    row[end, 1] += off * SPACING
+    areas = np.full(len(row), 80.0)
+    assert rows_anywhere(row, areas, ARCLENGTH) == []
+    assert row_from_clamp(row - row[0] + [ARCLENGTH[0], 0.0], areas, ARCLENGTH, 0.0).seen == 0
+    left = np.delete(row, end, axis=0)
+    assert len(rows_anywhere(left, areas[1:], ARCLENGTH)) == 2  # from either end
+
+
 def test_rows_among_many_others_with_gaps_have_no_swaps():
     """Up to 150 areas that are none, a tenth of the targets and a run of up to four hidden."""
     rng = np.random.default_rng(1)
