@@ -511,8 +511,9 @@ def seen_row_by_row(request):
     height, width = drawn.lens.height, drawn.lens.width
     for frame in range(1, 16):
         picture = np.empty((height, width), np.uint8)
-        for rows in np.array_split(np.arange(height), 24):
-            seconds = frame * FRAME_NS / SECOND + shutter.seconds_after_stamp(rows.mean(), height)
+        for rows in np.array_split(np.arange(height), 60):
+            read = rows.mean() if shutter.readout > 0.0 else height - 1 - rows.mean()
+            seconds = frame * FRAME_NS / SECOND + 0.025 * read / (height - 1)
             picture[rows] = drawn.picture(pressure(float(seconds)))[0][rows]
         pictures.append(picture)
     return shutter, pictures, pressure

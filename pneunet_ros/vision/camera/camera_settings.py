@@ -218,8 +218,12 @@ class Shutter:
         return max(abs(self.readout), self.exposure)
 
     def seconds_after_stamp(self, v: Array, height: int) -> Array:
-        """Return the mid-exposure times of rows v (n,) px, s after the stamp."""
-        after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1)
+        """Return the mid-exposure times of rows v (n,) px, s after the stamp.
+
+        The stamp is that of the first row to be exposed: the last one if readout is negative.
+        """
+        first = min(self.readout, 0.0)
+        after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1) - first
         return after
 
 
