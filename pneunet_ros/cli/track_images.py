@@ -37,7 +37,7 @@ from pneunet_ros.recordings.images.image_sources import open_images, SourceReque
 from pneunet_ros.recordings.images.image_stream import ImageStream
 from pneunet_ros.recordings.recording_writer import check_name, RecordingWriter, write_recording
 from pneunet_ros.tables.table_writer import write_table
-from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane
+from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane, RestPlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
@@ -132,6 +132,8 @@ def track(arguments: Namespace) -> int:
     # The median leaves out the first frames, in which kernels may have to be compiled.
     rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
     summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
+    if isinstance(settings.plane, RestPlane):
+        summary['rest_bow'] = tally.rest_bow
     if film and not film['frames_covered']:
         summary['output'] = None
     verb.present(arguments, summary, lambda console: show(summary, console))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+import math
 from typing import Any
 
 from pneunet_ros.cli import verb
@@ -12,6 +13,7 @@ from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import TrackTally
 from pneunet_ros.recordings.images.image_stream import ImageStream
+from pneunet_ros.vision.rest_plane import TURN
 from rich.console import Console
 
 
@@ -65,6 +67,13 @@ def show(summary: dict[str, Any], console: Console) -> None:
     }
     if explained:
         facts['scale'] = f'{millimeters(summary["scale"]):.4g} mm/px'
+    if explained and 'rest_bow' in summary:
+        turn = TURN * summary['rest_bow']
+        facts['row at rest'] = (
+            f'{summary["rest_bow"]:.2%} of its length off a straight line: x may be '
+            f'{math.degrees(turn):.1f} deg off the arm at the clamp, and the tip {turn:.1%} of '
+            'the length off (not in the std)'
+        )
     if summary['curves']:
         facts['rms of smoothing'] = (
             f'{millimeters(summary["smoothing_rms"]):.3g} mm '

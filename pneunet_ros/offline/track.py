@@ -149,7 +149,8 @@ class TrackTally:
     explained frames in which each target was seen; sentences: the latest for each reason; causes:
     counts of the causes (keys of CAUSES) for which a target was not seen. points: (2, targets) m
     of each explained frame; last_pixel: first position of the last target; log_areas (targets,):
-    sum of log areas relative to the median of their frame.
+    sum of log areas relative to the median of their frame. rest_bow: of the row at rest, relative
+    to its length; NaN if that was not used.
     """
 
     targets: int
@@ -166,6 +167,7 @@ class TrackTally:
     last_pixel: tuple[float, float] | None = None
     points: list[Array] = field(default_factory=list)
     log_areas: Array = field(init=False)
+    rest_bow: float = math.nan
     _squares: float = 0.0
     _meters: float = 0.0
     _pixels: float = 0.0
@@ -179,6 +181,8 @@ class TrackTally:
         """Count one step."""
         outcome = step.outcome
         self.frames += step.frame
+        if step.state.plane is not None:
+            self.rest_bow = step.state.rest.bow
         if outcome is None:
             return
         if isinstance(outcome, Tracking) and outcome.warning:

@@ -26,6 +26,7 @@ from pneunet_ros.vision.gating import consistent_spacing, FARTHEST
 from pneunet_ros.vision.settings import VISION, VisionSettings
 
 HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
+TURN = 4.0  # rad per bow: an even arc is kL/2 off its chord at the end, kL/8 of it in the middle
 UPRIGHT = 'upright'  # reason: which end is the clamp is not known
 NO_ROW = 'no_row', 'no_areas'  # reasons that rows which cost more may change
 STILL = 0.1  # spacings, of a target at rest off its average so far
@@ -93,6 +94,13 @@ class RestSearch:
     def frames(self) -> int:
         """The number of frames of the most frequent position."""
         return max((place.frames for place in self.places), default=0)
+
+    @property
+    def bow(self) -> float:
+        """Bow of the row at the latest position, relative to its length; NaN if there is none."""
+        points = self.places[0].points if self.places else np.empty((0, 2))
+        seen = np.isfinite(points[:, 0])
+        return bow(points[seen]) if seen.any() else math.nan
 
     def missing_frames(self, wanted: int) -> str:
         """Describe why the latest position is not usable; empty if it is, or if there is none."""

@@ -516,6 +516,7 @@ def test_track_sums_up_what_stands_in_its_output(run_json, camera, tmp_path):
     assert (summary['seen'], summary['missing']) == (8 * 23 - 1, 1)
     assert summary['missing_per_target'] == [int(target == 11) for target in range(23)]
     assert summary['scale'] == pytest.approx(0.00026, rel=2e-3)
+    assert 0.0 < summary['rest_bow'] < 1e-3
     written = open_recording(output)
     clouds = [
         np.frombuffer(item.message.data.tobytes(), TARGET_POINT)
@@ -533,7 +534,8 @@ def test_track_for_people(run, camera, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run('track', camera)
     assert (code, err) == (0, '')
-    for words in ('8 of 12 (66.7 %)', '4 resting', '183 of 184', ' 11: 1 ', 'mm/px', 'frames/s'):
+    for words in ('8 of 12 (66.7 %)', '4 resting', '183 of 184', ' 11: 1 ', 'mm/px', 'frames/s',
+                  'off the arm at the clamp'):  # fmt: skip
         assert words in out
     assert names(tmp_path) == []
 

@@ -332,6 +332,7 @@ def test_diagnostics_hold_all_numbers(peer):
     assert int(values['frames']) >= int(values['explained']) >= 17
     assert 0.0 < float(values['latency_p50_s']) <= float(values['latency_p99_s'])
     assert values['rest_frames'] == '5'
+    assert 0.0 < float(values['rest_bow']) < 1e-3
     assert float(values['scale_mm_per_px']) == pytest.approx(0.26, rel=0.01)
     assert values['model'].startswith(filmed.ARM.name)
 

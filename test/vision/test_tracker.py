@@ -30,6 +30,7 @@ from pneunet_ros.vision.curvature_prior import PriorSettings
 from pneunet_ros.vision.dots.areas import BlobSettings
 from pneunet_ros.vision.dots.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
+from pneunet_ros.vision.rest_plane import TURN
 from pneunet_ros.vision.rows.row import LONGEST_PREDICTION
 from pneunet_ros.vision.settings import RowTrackerSettings, VisionSettings
 from pneunet_ros.vision.smoother import SmootherSettings
@@ -497,6 +498,18 @@ def test_a_lost_row_is_searched_everywhere_only_now_and_then(watching):
     assert searched == [True, False, False, False, True, False, False]
     watching.show(blank)
     assert watching.show(grey).sightings.seen == TARGETS  # where it was
+
+
+@pytest.mark.parametrize('pressure', [0.0, 1e3, 2e3, 3e3])
+def test_the_bow_of_a_row_at_rest_tells_how_far_the_base_frame_is_turned(pressure):
+    film = Film()
+    assert np.isnan(film.state.rest.bow)
+    for _ in range(REST):
+        tracking = film.show(film.picture(pressure)[0])
+    assert tracking.sightings.seen == TARGETS
+    x, y = film.motion.targets(pressure)
+    turned = np.arctan2(y[-1] - y[0], x[-1] - x[0])  # the chord is along x of the tracker
+    assert abs(turned) == pytest.approx(TURN * film.state.rest.bow, rel=0.15, abs=1e-3)
 
 
 @pytest.fixture(scope='module', params=[0.025, -0.025])

@@ -91,6 +91,7 @@ class TrackerHealth(InputHealth):
             'missing': None if missing is None else len(missing),
             'missing_ids': None if missing is None else ', '.join(str(item) for item in missing),
             'rest_frames': state.rest.frames,
+            'rest_bow': state.rest.bow if state.rest.places else None,
             'scale_mm_per_px': _scale(state),
             'polarity': None if state.polarity is None else state.polarity.evidence,
             'reason': None if last is None else last.reason,
