@@ -24,15 +24,16 @@ NOTHING = -1
 KEPT = 12  # rows at each step; half of them find the same
 BEND = 0.08  # spacings x (gap^2 - 1), that a target may be further off after a gap
 LONGEST_GAP = 7  # targets from one that is seen to the next; what is beyond starts anew
+FIRST_GAP = 2  # the same, where the scale is not known
 STRETCH = 0.25  # of an arm, either way, within a row
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+ALONG_STD = 0.12  # spacings, a target off its place along the row, one sigma
 # Sigma of size, shape or blur, beyond which a difference costs no more: convention, 5 % of what is
 # normal. Up to two are cheaper than a missing target.
 ODD = 2.0
 # Radians an arm turns where it bends most, as if it did so from end to end; measured: 6.2 between
 # two pins of a public photograph of a pneu-net.
 CURL = 7.0
-FIRST_GAP = 2  # the same, where the scale is not known
 
 # What is known of a row while it grows. SIZE to BLUR: how its blobs look, as in the columns of
 # `BlobColumns`; NaN while that is not known.
@@ -52,10 +53,9 @@ class BeamSearchSettings:
         unit='sigma',
         source='convention: three sigma',
     )
-    along_std: float = tuning(
-        0.12, 'a target off its place along the row, one sigma', unit='spacing', source='invented'
+    across_std: float = tuning(
+        0.15, 'sigma off its place, across', unit='spacing', source='invented'
     )
-    across_std: float = tuning(0.15, 'the same, across', unit='spacing', source='invented')
     size_std: float = tuning(
         0.35, 'difference of logarithmic areas in a row, one sigma', source='sweep'
     )
@@ -273,7 +273,7 @@ def _ways_on(
         at_x, at_y = one[X] + length * toward_x, one[Y] + length * toward_y
         # What misfit and cost allow at most: the distance, and the cosine of the angle to it.
         sigmas = math.sqrt(allowed - one[COST])
-        most_along = unit * min(search.farthest, sigmas) * search.along_std
+        most_along = unit * min(search.farthest, sigmas) * ALONG_STD
         most_across = (
             unit
             * loose
@@ -397,12 +397,9 @@ def misfit(along: float, across: float, bend: float, search: BeamSearchSettings)
 
     bend: additional tolerance across the row for a gap.
     """
-    if (
-        along > search.farthest * search.along_std
-        or across > search.farthest * search.across_std + bend
-    ):
+    if along > search.farthest * ALONG_STD or across > search.farthest * search.across_std + bend:
         return math.inf
-    off_along, off_across = along / search.along_std, across / (search.across_std + bend)
+    off_along, off_across = along / ALONG_STD, across / (search.across_std + bend)
     return off_along * off_along + off_across * off_across
 
 

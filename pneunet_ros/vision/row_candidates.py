@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.vision.beam_search import (
+    ALONG_STD,
     BEAM_SEARCH,
     BeamSearchSettings,
     BlobColumns,
@@ -255,7 +256,7 @@ def near_line(points: Array, row: Array, places: Array, search: BeamSearchSettin
     way = [np.interp(at, places, row[:, axis]) for axis in range(2)]
     away = np.hypot(points[:, :1] - way[0], points[:, 1:] - way[1]).min(axis=1)
     scale = np.median(np.hypot(*np.diff(row, axis=0).T) / np.diff(places))
-    tolerance = search.farthest * (search.along_std + search.across_std)
+    tolerance = search.farthest * (ALONG_STD + search.across_std)
     return np.asarray(away <= tolerance * scale * spacing)
 
 

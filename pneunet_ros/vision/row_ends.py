@@ -8,6 +8,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.vision.beam_search import (
+    ALONG_STD,
     BeamSearchSettings,
     BlobColumns,
     HEADING,
@@ -61,7 +62,7 @@ def truncate_row(
         a, b = _wrap_angle(np.array([heading - chord, onward - chord])).tolist()
         longer = 1.0 + (2.0 * a * a + 2.0 * b * b - a * b) / 30.0
         length = longer * math.hypot(chord_x, chord_y)
-        allowed = search.farthest * search.along_std * _spacing_at(arclength, target)
+        allowed = search.farthest * ALONG_STD * _spacing_at(arclength, target)
         if abs(length / scale - (arclength[target] - passed)) > allowed:
             chosen[target:] = NOTHING
             return

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.vision.camera.camera_settings import AdaptiveBand, AreaLimits, FixedBand
-from pneunet_ros.vision.dots.areas import _round_ones, BlobSettings
+from pneunet_ros.vision.dots.areas import _round_ones
 from pneunet_ros.vision.dots.blobs import Appearance, Blobs, blobs_at, find_blobs, nearest_blobs
 from pneunet_ros.vision.dots.centroid import axes_of, BLUR, MAJOR, MINOR, outlines, SMEAR, STD
 import pytest
@@ -281,14 +281,14 @@ def test_strange_frames_do_no_harm():
             assert not (distance > 20.0).any()
 
 
-def test_of_too_many_spots_those_that_stand_out_most_are_measured():
+def test_of_too_many_spots_those_that_stand_out_most_are_measured(monkeypatch):
     column, row = np.meshgrid(np.arange(20), np.arange(10))
     centers = np.column_stack([20 + 30 * column.ravel(), 20 + 30 * row.ravel()])
     found = found_in(image_of(dots((320, 620), centers)))
     assert len(found) == 200
     dim = dots((320, 620), centers, noise=1.0) * np.where(np.arange(620) < 305, 1.0, 0.5)
-    few = Appearance(band=BAND, limits=LIMITS, blobs=BlobSettings(most=100))
-    most = find_blobs(image_of(dim), few)
+    monkeypatch.setattr('pneunet_ros.vision.dots.blobs.MOST_AREAS', 100)
+    most = find_blobs(image_of(dim), Appearance(band=BAND, limits=LIMITS))
     assert len(most) == 100 and most.u.max() < 305
 
 

@@ -688,9 +688,9 @@ def test_a_row_of_other_dots_beside_the_arm_is_no_arm():
 
 
 BLIND = {
-    'blobs': BlobSettings(most=1),
+    'blobs': BlobSettings(blur=30.0),
     'ellipse': EllipseSettings(knows=0.0),
-    'beam_search': BeamSearchSettings(along_std=-1.0),
+    'beam_search': BeamSearchSettings(across_std=-1.0),
     'gating': GatingSettings(largest_loss=1.5),
     'row_tracker': RowTrackerSettings(off_along=-1.0),
 }

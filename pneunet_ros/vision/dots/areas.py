@@ -28,9 +28,6 @@ import scipy
 class BlobSettings:
     """Criteria that separate areas from the background."""
 
-    most: int = tuning(
-        500, 'largest number of areas measured per image, by contrast', source='invented'
-    )
     levels: int = tuning(
         2, 'thresholds at which an area of the least contrast is visible', source='sweep'
     )

@@ -30,6 +30,10 @@ from pneunet_ros.vision.dots.centroid import (
     V,
 )
 
+# Measured in an image, those of the largest contrast. No figure of acceptance/sweep.py moves when
+# it is halved or doubled.
+MOST_AREAS = 500
+
 
 def _row(column: int, meaning: str) -> Any:
     return property(lambda blobs: blobs.table[column], doc=meaning)
@@ -77,7 +81,7 @@ def find_blobs(image: Image, appearance: Appearance) -> Blobs:
 def find_areas(image: Image, appearance: Appearance) -> RoundAreas:
     """Return candidate areas of an image, most salient first."""
     areas = image.once(('areas', appearance), lambda: round_areas(image.grey(), appearance))
-    return areas.only(slice(appearance.blobs.most))
+    return areas.only(slice(MOST_AREAS))
 
 
 def measure_areas(image: Image, areas: RoundAreas, appearance: Appearance) -> Blobs:

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.vision.association import LEAST_TARGETS, TargetRow
-from pneunet_ros.vision.beam_search import Indices, Mask
+from pneunet_ros.vision.beam_search import ALONG_STD, Indices, Mask
 from pneunet_ros.vision.dots.areas import RoundAreas
 from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
 from pneunet_ros.vision.rest_plane import (
@@ -289,7 +289,7 @@ def _has_moved(view: View, row: TargetRow, points: Array, vanished: Mask) -> boo
         return False
     step = np.diff(view.arclength)[-1] / np.ptp(view.arclength)
     beyond = points[chosen[-1]] + step * (points[chosen[-1]] - points[chosen[0]])
-    reach = view.vision.beam_search.farthest * view.vision.beam_search.along_std
+    reach = view.vision.beam_search.farthest * ALONG_STD
     reach *= spacing_of(row_points(row, points), view.arclength)
     if np.any(np.hypot(*(points[vanished] - beyond).T) <= reach):
         return False

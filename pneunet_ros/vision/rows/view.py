@@ -12,7 +12,7 @@ from pneunet_ros.vision.camera.camera_model import Lens
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, CurvedRestPlane
 from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.dots.areas import Appearance, RoundAreas
-from pneunet_ros.vision.dots.blobs import find_areas, same_blobs
+from pneunet_ros.vision.dots.blobs import find_areas, MOST_AREAS, same_blobs
 from pneunet_ros.vision.dots.centroid import axes_of, COLUMNS, Mask, U, V
 from pneunet_ros.vision.rest_plane import Failure
 from pneunet_ros.vision.settings import VisionSettings
@@ -86,7 +86,7 @@ class View:
         """Return candidate areas for blobs, most salient first."""
         if self.areas is None:
             return find_areas(self.image, self.appearance)
-        return self.areas.only(slice(self.appearance.blobs.most))
+        return self.areas.only(slice(MOST_AREAS))
 
     @property
     def rest_straightness(self) -> float:
