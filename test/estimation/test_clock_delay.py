@@ -8,6 +8,7 @@ import re
 import numpy as np
 from pneunet_ros.estimation.clock_delay import box_average, estimate_delay, follow_play
 import pytest
+from scipy.signal import lfilter
 
 LENGTH, TARGETS, NOISE = 0.112, 7, 1e-4  # m, -, m
 SECONDS = 30.0
@@ -45,10 +46,12 @@ def rest(_):
     return np.array([0.0, 1.0]), np.array([0.0, 0.0])
 
 
-def moving_arm(times, corners, random, *, play=2e3, creep=0.08):
-    """Return targets (frames, 2 x targets) m of a bending arm with a play and creep."""
+def moving_arm(times, corners, random, *, play=2e3, creep=0.08, lag=0.0):
+    """Return targets (frames, 2 x targets) m of a bending arm with a play, creep and a lag (s)."""
     fine = np.arange(times[0] - 5.0, times[-1] + 0.01, 0.004)
     pressure = np.interp(fine, *corners)
+    share = -math.expm1(-0.004 / lag) if lag else 1.0
+    pressure = lfilter([share], [1.0, share - 1.0], pressure)
     acting = follow_play(pressure, 0.5 * play)
     late = np.empty_like(acting)
     level = acting[0]
@@ -64,7 +67,7 @@ def moving_arm(times, corners, random, *, play=2e3, creep=0.08):
     return points + NOISE * random.standard_normal(points.shape)
 
 
-def filmed(protocol, seed, *, rate=25.0, readings=100.0, delay=None, seconds=SECONDS):
+def filmed(protocol, seed, *, rate=25.0, readings=100.0, delay=None, seconds=SECONDS, lag=0.0):
     """Return what `estimate_delay` takes, and the true delay."""
     random = np.random.default_rng(seed)
     corners = protocol(random)
@@ -72,7 +75,7 @@ def filmed(protocol, seed, *, rate=25.0, readings=100.0, delay=None, seconds=SEC
     frames = np.cumsum(random.choice([0.5, 1.0, 1.5], int(seconds * rate))) / rate
     table = np.arange(0.0, SECONDS, 1.0 / readings)
     pressure = np.interp(table, *corners) + 60.0 * random.standard_normal(table.size)
-    motion = moving_arm(frames - delay, corners, random)
+    motion = moving_arm(frames - delay, corners, random, lag=lag)
     return (frames, motion, table, pressure[:, None]), delay
 
 
@@ -95,6 +98,16 @@ def test_the_delay_is_found_within_its_error(protocol, options, share):
     assert all(abs(item.delay - delay) < 3.0 * item.std for item, delay in found)
     assert np.median([item.std / item.frame_period for item, _ in found]) < share
     assert f'{found[0][0].std:.4f} s' in found[0][0].sentence
+
+
+@pytest.mark.parametrize('lag', [0.02, 0.05, 0.1])
+def test_a_lag_of_the_arm_counts_as_delay_and_the_sentence_says_so(lag):
+    given, delay = filmed(steps, 3, lag=lag)
+    found = estimate_delay(*given)
+    assert not found.trouble
+    assert 0.5 * lag < found.delay - delay < lag
+    assert found.delay - delay > 5.0 * found.std
+    assert 'a lag of less than 1 s counts as delay' in found.sentence
 
 
 def test_a_film_that_begins_before_the_table_and_ends_after_it():
