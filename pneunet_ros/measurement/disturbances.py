@@ -27,8 +27,7 @@ PATH_NODES = 9  # nodes of the camera path in a recording, linear in between
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 RUN_UNKNOWNS = 2 * PATH_NODES + LOADS  # unknowns of one recording
 FEWEST_OF_ROW = 3  # targets beyond the clamp: two cannot separate spacing from scale
-# This line makes this file one of those that recompile the kernels: core.kernels.jit import
-SMALLEST_STD = 1e-7  # m, N and N m, in place of zero; a constant of `innovation.compare_targets`
+SMALLEST_STD = 1e-7  # m, N and N m, in place of zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,22 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
-from pneunet_ros.measurement.innovation import innovation, squared_distance
+from pneunet_ros.measurement.innovation import innovation
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 import pytest
 from support.made_datasets import USUAL
-
-RANDOM = np.random.default_rng(5)
-
-
-@pytest.mark.parametrize(('coordinates', 'errors'), [(6, 9), (12, 3), (1, 1), (4, 0)])
-def test_a_squared_distance_is_that_of_the_dense_covariance(coordinates, errors):
-    std = RANDOM.uniform(0.1, 2.0, coordinates)
-    columns = RANDOM.standard_normal((errors, coordinates))
-    residual = RANDOM.standard_normal(coordinates)
-    dense = np.diag(std**2) + columns.T @ columns
-    found = squared_distance(residual, std, columns)
-    assert found == pytest.approx(residual @ np.linalg.solve(dense, residual), rel=1e-10)
 
 
 def frame_at(x, y, std=np.nan) -> TargetSightings:
