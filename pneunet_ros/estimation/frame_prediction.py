@@ -14,19 +14,16 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.between_readings import (
-    explained_changes,
-    FURTHEST,
-    line_between,
-    MISSED,
-    NOISE,
-    place_between,
-    VALUE,
+    furthest_error,
+    interpolate,
+    interpolated_noise,
+    interpolation_error,
+    places_between,
 )
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
@@ -60,7 +57,8 @@ def predict_frame(
     predicted = predict_targets(estimator.table, nearest.noise, curved)
     if len(estimates) < 2:
         return in_motion(estimator, predicted, [nearest], [1.0], nearest)
-    before, fraction = place_between(shown_ns, stamps)
+    shown = np.array([shown_ns])
+    (before,), (fraction,) = places_between(shown, stamps)
     pair, shares = estimates[before : before + 2], (1.0 - fraction, fraction)
     displacement = np.zeros((2, predicted.x.size))
     for estimate, weight in zip(pair, shares, strict=True):
@@ -69,22 +67,23 @@ def predict_frame(
             targets = seen_targets(estimator.arm, estimate.curved.sensitivity)
             displacement += weight * (np.array(targets) - [predicted.x, predicted.y])
     wrench_ns, wrench = wrenches_of(estimates)
-    size = np.ones(len(predicted.errors))
+    chamber = np.array([[estimate.chamber_pressure] for estimate in estimates])
     std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
-    distance = move_to_frame(
-        shown_ns,
-        stamps,
-        np.array([[estimate.chamber_pressure] for estimate in estimates]),
-        wrench_ns,
-        wrench,
-        shares[0] * load_of(pair[0]) + shares[1] * load_of(pair[1]),
-        std,
-        explained_changes(std),
-        predicted.errors,
-        predicted.by_load,
-        displacement,
-        size,
+    missed = np.append(
+        interpolation_error(shown, wrench_ns, wrench, std[:PRESSURE]),
+        interpolation_error(shown, stamps, chamber, std[PRESSURE:]),
     )
+    noise, furthest = (
+        np.append(np.repeat(of(shown, wrench_ns), LOADS), of(shown, stamps))
+        for of in (interpolated_noise, furthest_error)
+    )
+    size = np.ones(len(predicted.errors))
+    size[: PRESSURE + 1] = np.hypot(noise, missed / std)
+    error = (furthest * missed / std) @ np.abs(predicted.errors[: PRESSURE + 1, :, -1])
+    read = np.array([interpolate(shown, wrench_ns, column)[0] for column in wrench.T])
+    used = shares[0] * load_of(pair[0]) + shares[1] * load_of(pair[1])
+    displacement += np.tensordot(read - used, predicted.by_load, axes=1)
+    distance = max(math.hypot(*error), math.hypot(*displacement[:, -1]))
     if distance**2 > estimator.arm.length * estimator.arm.sensors.target_std:
         return None
     at_rest = replace(
@@ -94,51 +93,6 @@ def predict_frame(
         errors=size[:, None, None] * predicted.errors,
     )
     return in_motion(estimator, at_rest, pair, shares, nearest)
-
-
-@kernel
-def move_to_frame(
-    shown_ns: int,
-    stamps: Stamps,
-    chamber: Array,
-    wrench_ns: Stamps,
-    wrench: Array,
-    used: Array,
-    std: Array,
-    least: Array,
-    errors: Array,
-    by_load: Array,
-    displacement: Array,
-    size: Array,
-) -> float:
-    """Move predicted targets to a frame between readings; returns the motion (m) of the tip.
-
-    stamps (estimates,) ns, with chamber (estimates, 1) Pa; wrench_ns (wrenches,), with wrench
-    (wrenches, 3) N, N m; used (3,): the load on the line between the estimates; std (4,): one
-    sigma of a reading; least (4,): from `explained_changes`; errors, by_load: as in
-    PredictedTargets. Adds the effect of the load read at the frame to displacement (2, targets) m,
-    and fills size (sources,), the size of each error. The result is the larger of the error of
-    linear interpolation and the displacement of the tip.
-    """
-    loads, pressure = np.empty((4, LOADS)), np.empty((4, 1))
-    line_between(shown_ns, wrench_ns, wrench, least[:LOADS].copy(), loads)
-    line_between(shown_ns, stamps, chamber, least[LOADS:].copy(), pressure)
-    last = displacement.shape[1] - 1
-    error_x, error_y = 0.0, 0.0
-    for source in range(LOADS + 1):
-        line = loads[:, source] if source < LOADS else pressure[:, 0]
-        missed = line[MISSED] / std[source]
-        error_x += missed * line[FURTHEST] * abs(errors[source, 0, last])
-        error_y += missed * line[FURTHEST] * abs(errors[source, 1, last])
-        size[source] = math.hypot(line[NOISE], missed)
-    for axis in range(2):
-        for target in range(last + 1):
-            for i in range(LOADS):
-                load_change = loads[VALUE, i] - used[i]
-                displacement[axis, target] += load_change * by_load[i, axis, target]
-    return max(
-        math.hypot(error_x, error_y), math.hypot(displacement[0, last], displacement[1, last])
-    )
 
 
 def in_motion(

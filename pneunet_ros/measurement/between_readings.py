@@ -12,13 +12,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.kernels.jit import inlined, inner, kernel
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 
-# Rows of `line_between`:
-VALUE, NOISE, MISSED, FURTHEST = range(4)
 NEVER = 1e-6  # fraction of the interval between two readings in which no value jumps
 SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
 
@@ -102,156 +99,31 @@ def interpolation_error(
     the first and after the last reading, the value is assumed to be constant; after the last, it
     may continue to change as before.
     """
-    errors = np.zeros((len(shown), *values.shape[1:]))
     if len(stamp_ns) < 2:
-        return errors
+        return np.zeros((len(shown), *values.shape[1:]))
     before, fraction = places_between(shown, stamp_ns)
-    columns = frozen_array(values.reshape(len(stamp_ns), -1))
-    least = np.empty(columns.shape[1])
-    least[:] = explained_changes(np.asarray(noise), settings)
-    intervals = np.maximum(stamp_ns[1:] - stamp_ns[:-1], 1).astype(np.float64)
-    since_last = np.maximum(shown - stamp_ns[-1], 0).astype(np.float64)
-    missed_by_lines(
-        columns, intervals, least, before, fraction, since_last, errors.reshape(len(shown), -1)
-    )
-    return errors
-
-
-def explained_changes(noise: Array, settings: BetweenReadingsSettings = BETWEEN_READINGS) -> Array:
-    """Return the squares of the second differences that white noise of these sizes explains."""
-    return np.asarray(np.square(settings.noise * SIGMA_OF_SECOND * noise))
-
-
-def place_between(shown_ns: int, stamp_ns: Stamps) -> tuple[int, float]:
-    """Return `places_between` of one stamp."""
-    places, fractions = places_between(np.array([shown_ns]), stamp_ns)
-    return int(places[0]), float(fractions[0])
-
-
-@kernel
-def missed_by_lines(
-    values: Array,
-    intervals: Array,
-    least: Array,
-    before: Stamps,
-    fraction: Array,
-    since_last: Array,
-    errors: Array,
-) -> None:
-    """`interpolation_error` into errors (shown, columns).
-
-    values (readings, columns), intervals (readings - 1,) ns; least (columns,): square of a second
-    difference that noise explains; before, fraction (shown,): from `places_between`; since_last
-    (shown,) ns: time after the last reading.
-    """
-    for column in range(values.shape[1]):
-        for frame in range(before.size):
-            errors[frame, column] = missed_by_line(
-                values,
-                intervals,
-                least[column],
-                before[frame],
-                fraction[frame],
-                since_last[frame],
-                column,
-            )
-
-
-@inner
-def line_between(shown_ns: int, stamp_ns: Stamps, values: Array, least: Array, out: Array) -> None:
-    """Interpolate at one stamp, with noise and errors, into out (4, columns).
-
-    values (readings, columns); least (columns,): from `explained_changes`. Rows: VALUE, as by
-    `interpolate`; NOISE, as by `interpolated_noise`; MISSED, as by `interpolation_error`;
-    FURTHEST, as by `furthest_error`.
-    """
-    count, columns = values.shape
-    before, fraction, since_last = 0, 0.0, 0.0
-    intervals = np.ones(max(count - 1, 0))
-    for i in range(count - 1):
-        intervals[i] = max(stamp_ns[i + 1] - stamp_ns[i], 1)
-        if i == 0 or stamp_ns[i] < shown_ns:
-            before = i
-    if count > 1:
-        fraction = min(max((shown_ns - stamp_ns[before]) / intervals[before], 0.0), 1.0)
-        since_last = max(shown_ns - stamp_ns[count - 1], 0) * 1.0
-    for column in range(columns):
-        out[VALUE, column], out[NOISE, column] = values[before, column], 1.0
-        out[MISSED, column], out[FURTHEST, column] = 0.0, math.sqrt(3.0)
-        if count > 1:
-            out[VALUE, column] += fraction * (values[before + 1, column] - values[before, column])
-            out[NOISE, column] = math.hypot(1.0 - fraction, fraction)
-            out[MISSED, column] = missed_by_line(
-                values, intervals, least[column], before, fraction, since_last, column
-            )
-            out[FURTHEST, column] = furthest_jump(fraction)
-
-
-@inlined
-def furthest_jump(fraction: float) -> float:
-    """Return `furthest_error` at a fraction of the interval between two readings."""
-    shorter = max(min(fraction, 1.0 - fraction), NEVER)
-    jump: float = max(math.sqrt(3.0), math.sqrt((1.0 - shorter) / shorter))
-    return jump
-
-
-@inner
-def missed_by_line(
-    values: Array,
-    intervals: Array,
-    least: float,
-    before: int,
-    fraction: float,
-    since_last: float,
-    column: int,
-) -> float:
-    """Return `interpolation_error` of one column at one stamp.
-
-    least: square of a second difference that noise explains; before, fraction: place between
-    readings; since_last (ns): time after the last reading.
-    """
+    columns, fraction = values.reshape(len(stamp_ns), -1), fraction[:, None]
+    intervals = np.maximum(np.diff(stamp_ns), 1).astype(np.float64)[:, None]
+    slopes, bends = (np.zeros((len(stamp_ns) + n, columns.shape[1])) for n in (1, 2))
+    # Slopes and bends are zero before the first and after the last reading:
+    slopes[1:-1] = np.diff(columns, axis=0) / intervals
+    bends[1:-1] = np.diff(slopes, axis=0)
     length = intervals[before]
-    if since_last > 0.0:
-        extrapolated: float = min(since_last, length)
-        return abs(slope_between(values, intervals, column, intervals.size - 1)) * extrapolated
-    earlier = bend_at(values, intervals, column, before - 1) * length
-    first = bend_at(values, intervals, column, before) * length
-    second = bend_at(values, intervals, column, before + 1) * length
-    later = bend_at(values, intervals, column, before + 2) * length
-    of_earlier = math.sqrt(max(earlier * earlier - least, 0.0))
-    of_first = math.sqrt(max(first * first - least, 0.0))
-    of_second = math.sqrt(max(second * second - least, 0.0))
-    of_later = math.sqrt(max(later * later - least, 0.0))
-    if first * second < 0.0:
-        missed = min(of_first, of_second) * math.sqrt(fraction * (1.0 - fraction))
-    else:
-        missed = min(fraction * of_first, (1.0 - fraction) * of_second) / math.sqrt(3.0)
-    if earlier * second < 0.0:
-        remaining = 1.0 - fraction
-        began = min(of_earlier, of_second) * remaining * math.sqrt(1.0 - remaining * remaining)
-        missed = max(missed, began)
-    if first * later < 0.0:
-        ended = min(of_first, of_later) * fraction * math.sqrt(1.0 - fraction * fraction)
-        missed = max(missed, ended)
-    return missed
-
-
-@inlined
-def bend_at(values: Array, intervals: Array, column: int, reading: int) -> float:
-    """Return the change of slope at a reading; zero outside the readings."""
-    if reading < 0 or reading >= len(values):
-        return 0.0
-    slope = slope_between(values, intervals, column, reading)
-    return slope - slope_between(values, intervals, column, reading - 1)
-
-
-@inlined
-def slope_between(values: Array, intervals: Array, column: int, reading: int) -> float:
-    """Return the slope from a reading to the next; zero before the first and after the last."""
-    if reading < 0 or reading >= intervals.size:
-        return 0.0
-    slope: float = (values[reading + 1, column] - values[reading, column]) / intervals[reading]
-    return slope
+    earlier, first, second, later = bent = bends[before + np.arange(4)[:, None]] * length
+    least = np.ravel(np.square(settings.noise * SIGMA_OF_SECOND * np.asarray(noise)))
+    of_earlier, of_first, of_second, of_later = np.sqrt(np.maximum(bent**2 - least, 0.0))
+    rest = 1.0 - fraction
+    jumped = np.minimum(of_first, of_second) * np.sqrt(fraction * rest)
+    curved = np.minimum(fraction * of_first, rest * of_second) / math.sqrt(3.0)
+    began = np.minimum(of_earlier, of_second) * rest * np.sqrt(1.0 - rest**2)
+    ended = np.minimum(of_first, of_later) * fraction * np.sqrt(1.0 - fraction**2)
+    missed = np.where(first * second < 0.0, jumped, curved)
+    missed = np.maximum(missed, np.where(earlier * second < 0.0, began, 0.0))
+    missed = np.maximum(missed, np.where(first * later < 0.0, ended, 0.0))
+    since_last = np.maximum(shown - stamp_ns[-1], 0).astype(np.float64)[:, None]
+    extrapolated = np.abs(slopes[-2]) * np.minimum(since_last, length)
+    error: Array = np.where(since_last > 0.0, extrapolated, missed)
+    return error.reshape(len(shown), *values.shape[1:])
 
 
 def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:

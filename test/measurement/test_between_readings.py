@@ -5,18 +5,12 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.measurement.between_readings import (
     error_between,
-    explained_changes,
     frames_sharing,
-    FURTHEST,
     furthest_error,
     interpolate,
     interpolated_noise,
     interpolation_error,
-    line_between,
-    MISSED,
-    VALUE,
 )
-from pneunet_ros.measurement.between_readings import NOISE as NOISE_SIZE
 import pytest
 
 PERIOD = 100_000_000  # ns
@@ -187,19 +181,3 @@ def test_how_far_off_one_value_may_well_be():
     assert error_between(3 * PERIOD + 10, STAMPS, values, NOISE) < 10.0  # at a reading
     assert error_between(at, STAMPS[:5], values[:5], NOISE) > 3e3  # what comes is not known
     assert error_between(at, STAMPS, 1e-5 * STAMPS, NOISE) == 0.0
-
-
-@pytest.mark.parametrize('shown', [-3, 0, 9, 10, 47, 70, 75])
-@pytest.mark.parametrize('count', [1, 2, 8])
-def test_one_stamp_is_told_the_same_as_many(shown, count):
-    values = np.random.default_rng(3).standard_normal((count, 2))
-    stamps, noise = STAMPS[:count], np.array([0.1, 0.4])
-    told, at = np.empty((4, 2)), np.array([shown])
-    line_between(shown, stamps, values, explained_changes(noise), told)
-    for column in range(2):
-        value = interpolate(at, stamps, values[:, column])[0]
-        assert told[VALUE, column] == pytest.approx(value, rel=1e-12)
-        assert told[NOISE_SIZE, column] == pytest.approx(interpolated_noise(at, stamps)[0])
-        missed = interpolation_error(at, stamps, values[:, column], noise[column])[0]
-        assert told[MISSED, column] == pytest.approx(missed, rel=1e-12)
-        assert told[FURTHEST, column] == pytest.approx(furthest_error(at, stamps)[0])
