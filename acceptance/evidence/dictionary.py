@@ -17,7 +17,6 @@ from pneunet_ros.diagnosis.fit.refit import effect_direction, Refit
 from pneunet_ros.discovery.amplitude import Projection, Runs
 from pneunet_ros.discovery.law import Cause
 from pneunet_ros.discovery.search import Search
-import scipy
 
 from evidence.sparse import Dictionary
 
@@ -96,11 +95,11 @@ class Columns:
 
     def dictionary(self, runs: Runs) -> Dictionary:
         """Return score and information in some of the runs."""
-        factor, step = self.projection.of(runs)
+        base = self.projection.in_runs(runs)
         gram, cross, score = (sum(self.parts[w][i] for w in runs) for i in range(3))
         return Dictionary(
-            score=score - cross.T @ step,
-            information=gram - cross.T @ scipy.linalg.cho_solve(factor, cross),
+            score=score - cross.T @ base.step,
+            information=gram - cross.T @ base.solved(cross),
             causes=tuple(self.causes),
             costs=self.costs,
         )

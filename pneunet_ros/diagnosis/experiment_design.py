@@ -14,7 +14,6 @@ from pneunet_ros.diagnosis.fit.refit import effect_direction, linearize_all_runs
 from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 # Of a simulated experiment. No figure of acceptance/sweep.py moves when one is halved or doubled.
 FRAMES = 60
@@ -176,14 +175,8 @@ def informations(
     columns = [np.column_stack(run) for run in zip(*directions, strict=True)]
 
     def inner(kept: Sequence[int]) -> Array:
-        part = GaussianModel.of(
-            [gaussian.columns[which] for which in kept],
-            [gaussian.residuals[which] for which in kept],
-            gaussian.position,
-            [gaussian.grams[which] for which in kept],
-        )
         subset = [columns[which] for which in kept]
-        return part.inner(subset, subset)
+        return gaussian.subset(kept).inner(subset, subset)
 
     training = list(range(linearization.training))
     further = range(linearization.training, len(residuals))

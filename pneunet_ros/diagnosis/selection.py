@@ -202,7 +202,7 @@ class Selection:
             outside_prior=parameters_outside_prior(trial, SCORE_TEST.prior_range),
             log_probability=trial.gaussian.log_probability(),
             without=tuple(
-                trial.gaussian.log_probability(which) for which in range(all_runs.training)
+                trial.gaussian.without(run).log_probability() for run in range(all_runs.training)
             ),
             predicted=predicted_probability(gaussian, all_runs.training),
             nonuniform=(
@@ -484,14 +484,7 @@ def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
 
 def predicted_probability(gaussian: GaussianModel, training: int) -> float:
     """Return the log probability of held-out runs, given the first `training` runs."""
-    known = GaussianModel.of(
-        gaussian.columns[:training],
-        gaussian.residuals[:training],
-        gaussian.position,
-        gaussian.grams[:training],
-        gaussian.log_volumes[:training],
-    )
-    return gaussian.log_probability() - known.log_probability()
+    return gaussian.log_probability() - gaussian.subset(range(training)).log_probability()
 
 
 def evidence_margin(evidence: float) -> float:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Sequence
 from dataclasses import dataclass
+import functools
 from functools import cached_property
 import itertools
 
@@ -19,7 +20,6 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
-import scipy
 
 Runs = tuple[int, ...]
 Parts = tuple[Array, Array, Array]  # columns^T columns, X^T columns, columns^T residuals
@@ -59,30 +59,16 @@ class Projection:
 
     def __init__(self, gaussian: GaussianModel) -> None:
         self.gaussian = gaussian
-        self.solved: dict[Runs, tuple[tuple[Array, bool], Array]] = {}
-
-    def of(self, runs: Runs) -> tuple[tuple[Array, bool], Array]:
-        """Return the factor of 1 + X^T X in these runs, and the best step of the base."""
-        if runs not in self.solved:
-            gaussian, size = self.gaussian, self.gaussian.position.size
-            factor = scipy.linalg.cho_factor(
-                sum((gaussian.grams[which] for which in runs), np.eye(size))
-            )
-            vector = sum(
-                (gaussian.information_vectors[which] for which in runs), -gaussian.position
-            )
-            self.solved[runs] = factor, scipy.linalg.cho_solve(factor, vector)
-        return self.solved[runs]
+        self.in_runs = functools.cache(gaussian.subset)
 
     def evidence(self, runs: Runs, gram: Array, cross: Array, score: Array) -> Evidence:
         """Return the evidence for columns in these runs.
 
         gram, cross, score: columns^T columns, X^T columns and columns^T residuals.
         """
-        factor, step = self.of(runs)
+        base = self.in_runs(runs)
         return Evidence(
-            score=score - cross.T @ step,
-            information=gram - cross.T @ scipy.linalg.cho_solve(factor, cross),
+            score=score - cross.T @ base.step, information=gram - cross.T @ base.solved(cross)
         )
 
 

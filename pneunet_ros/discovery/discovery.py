@@ -51,7 +51,6 @@ from pneunet_ros.discovery.settings import (
     REFINEMENTS,
     WORTH_A_FIT,
 )
-from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
 
@@ -422,7 +421,7 @@ def predicted_p_value(
     suspect: Suspect, search: Search, chosen: Runs, tested: Runs, seed: int
 ) -> float:
     """Return the p-value of predictions of runs by the law of others."""
-    linearization, gaussian = search.linearization, search.fit.gaussian
+    linearization = search.linearization
     if suspect.swing is not None:
         swing = search.swing(suspect.cause, chosen, periodic=suspect.swing.periodic)
         if swing is None:
@@ -438,13 +437,8 @@ def predicted_p_value(
             for which in tested
         ]
     blocks = [linearization.blocks[which] for which in tested]
-    subset = GaussianModel.of(
-        [gaussian.columns[which] for which in tested],
-        [gaussian.residuals[which] for which in tested],
-        gaussian.position,
-        [gaussian.grams[which] for which in tested],
-    )
-    problem = TestedProblem.of(OpenLaws(gaussian=subset), blocks, linearization.size)
+    laws = OpenLaws(gaussian=search.fit.gaussian.subset(tested))
+    problem = TestedProblem.of(laws, blocks, linearization.size)
     statistic = problem.statistic(f'split {suspect.kind.name}', range(len(tested)), white, seed)
     return compare_with_clean(statistic).p_value
 

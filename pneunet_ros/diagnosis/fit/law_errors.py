@@ -121,9 +121,7 @@ class OpenLaws:
     @property
     def cost(self) -> float:
         """Half of chi squared and prior at the best step, and the log volume of the errors."""
-        gaussian = self.gaussian
-        squares = sum(gaussian.squares) + float(gaussian.position @ gaussian.position)
-        return 0.5 * squares - gaussian.gain + sum(gaussian.log_volumes)
+        return self.gaussian.cost
 
 
 def independent(columns: Array) -> Array:

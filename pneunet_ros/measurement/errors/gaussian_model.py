@@ -8,11 +8,14 @@ the score of further columns E and its covariance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 import scipy
+
+PER_RUN = ('columns', 'residuals', 'grams', 'information_vectors', 'squares', 'log_volumes')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,8 +32,16 @@ class GaussianModel:
     information_vectors: tuple[Array, ...]
     squares: tuple[float, ...]
     log_volumes: tuple[float, ...]
-    factor: tuple[Array, bool]
-    step: Array
+    factor: tuple[Array, bool] = field(init=False)
+    step: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Solve the problem."""
+        factor = scipy.linalg.cho_factor(sum(self.grams, np.eye(self.position.size)))
+        object.__setattr__(self, 'factor', factor)
+        object.__setattr__(
+            self, 'step', self.solved(sum(self.information_vectors, -self.position))
+        )
 
     @classmethod
     def of(
@@ -41,13 +52,12 @@ class GaussianModel:
         grams: Sequence[Array] = (),
         log_volumes: Sequence[float] = (),
     ) -> GaussianModel:
-        """Set up and solve the problem; grams: column^T column per run, where known.
+        """Set up the problem; grams: column^T column per run, where known.
 
         log_volumes: may be omitted if all compared models are whitened in the same way.
         """
         vectors = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
         grams = tuple(grams) or tuple(item.T @ item for item in columns)
-        factor = scipy.linalg.cho_factor(sum(grams, np.eye(position.size)))
         return cls(
             columns=tuple(columns),
             residuals=tuple(residuals),
@@ -56,15 +66,19 @@ class GaussianModel:
             information_vectors=vectors,
             squares=tuple(float(rest @ rest) for rest in residuals),
             log_volumes=tuple(log_volumes) or (0.0,) * len(grams),
-            factor=factor,
-            step=scipy.linalg.cho_solve(factor, sum(vectors, np.zeros(position.size)) - position),
         )
+
+    def subset(self, runs: Sequence[int]) -> GaussianModel:
+        """Return the problem of some of the runs."""
+        chosen: dict[str, Any] = {
+            name: tuple(getattr(self, name)[which] for which in runs) for name in PER_RUN
+        }
+        return replace(self, **chosen)
 
     @property
     def covariance(self) -> Array:
         """Covariance of the unknowns, (n, n)."""
-        inverse: Array = scipy.linalg.cho_solve(self.factor, np.eye(self.position.size))
-        return inverse
+        return self.solved(np.eye(self.position.size))
 
     @property
     def gain(self) -> float:
@@ -88,8 +102,8 @@ class GaussianModel:
         projected_right = projected_left
         if right is not left:
             projected_right = sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
-        value: Array = plain - np.asarray(projected_left).T @ scipy.linalg.cho_solve(
-            self.factor, np.asarray(projected_right)
+        value: Array = plain - np.asarray(projected_left).T @ self.solved(
+            np.asarray(projected_right)
         )
         return value
 
@@ -99,20 +113,21 @@ class GaussianModel:
         value: Array = np.asarray(sum(item.T @ rest for item, rest in parts))
         return value
 
-    def log_probability(self, without: int | None = None) -> float:
-        """Log probability of the runs, or of all but one, up to a common constant."""
-        kept = [which for which in range(len(self.grams)) if which != without]
-        precision = sum((self.grams[which] for which in kept), np.eye(self.position.size))
-        vectors = (self.information_vectors[which] for which in kept)
-        vector = sum(vectors, -self.position)
-        factor = scipy.linalg.cho_factor(precision, lower=True)
-        squares = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
-        explained = float(vector @ scipy.linalg.cho_solve(factor, vector))
-        volume = float(np.log(np.diag(factor[0])).sum())
-        volume += sum(self.log_volumes[which] for which in kept)
-        return -0.5 * (squares - explained) - volume
+    @property
+    def cost(self) -> float:
+        """Half of chi squared and prior at the best step, and the log volumes."""
+        squares = sum(self.squares) + float(self.position @ self.position)
+        return 0.5 * squares - self.gain + sum(self.log_volumes)
+
+    def log_probability(self) -> float:
+        """Log probability of the runs, up to a common constant."""
+        return -self.cost - float(np.log(np.diag(self.factor[0])).sum())
+
+    def without(self, run: int) -> GaussianModel:
+        """Return the problem of all runs but one."""
+        return self.subset([which for which in range(len(self.grams)) if which != run])
 
     def evidence(self) -> float:
         """Log probability of every run predicted from the others, summed."""
         total = self.log_probability()
-        return sum(total - self.log_probability(which) for which in range(len(self.grams)))
+        return sum(total - self.without(run).log_probability() for run in range(len(self.grams)))
