@@ -127,18 +127,8 @@ def move_belief(
         seconds=seconds, pressure_change=pressure_change, size=size, walk=recent, steady=steady
     )
     mean, root = unknowns.move(belief, passage, noise)
-    return Belief(
-        stamp_ns=stamp_ns,
-        mean=mean,
-        root=root,
-        walk=replace(belief.walk, recent=recent),
-        sizes=belief.sizes,
-        chamber=belief.chamber,
-        solution=belief.solution,
-        frames=belief.frames,
-        causes=belief.causes,
-        reference=belief.reference,
-    )
+    walked = replace(belief.walk, recent=recent)
+    return replace(belief, stamp_ns=stamp_ns, mean=mean, root=root, walk=walked)
 
 
 def with_walk(unknowns: Unknowns, before: Belief, after: Belief) -> Belief:

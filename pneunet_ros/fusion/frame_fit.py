@@ -125,30 +125,13 @@ class FrameLinearization:
 
     def stepped(self) -> FrameLinearization:
         """Return the linearization after its step, without solving the arm again."""
-        trial = self.trial
-        next_trial = Trial(
-            xi=trial.xi + self.step,
-            solved=trial.solved,
-            bent=trial.bent,
-            swing_deviation=trial.swing_deviation,
-            seen=trial.seen,
-            painted=trial.painted,
-            back=trial.back,
-            residual=trial.residual - self.jacobian @ self.step,
+        trial = replace(
+            self.trial,
+            xi=self.trial.xi + self.step,
+            residual=self.trial.residual - self.jacobian @ self.step,
             cost=self.cost - self.gain,
         )
-        return FrameLinearization(
-            trial=next_trial,
-            jacobian=self.jacobian,
-            by_model_error=self.by_model_error,
-            innovation=self.innovation,
-            factor=self.factor,
-            weighed=self.weighed,
-            force=self.force,
-            step=np.zeros(self.step.size),
-            gain=0.0,
-            turning=self.turning,
-        )
+        return replace(self, trial=trial, step=np.zeros(self.step.size), gain=0.0)
 
     @property
     def log_evidence_cost(self) -> float:

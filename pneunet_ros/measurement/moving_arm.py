@@ -447,24 +447,13 @@ def rates_about(
 
 def moved_shape(shape: Shape, displacement: Array, bent: Array) -> Shape:
     """Return a moving shape; displacement (3 or more, stations) and bent: from `follow_swing`."""
-    return Shape(
-        arclength=shape.arclength,
+    return replace(
+        shape,
         x=freeze(shape.x + displacement[0]),
         y=freeze(shape.y + displacement[1]),
         theta=freeze(shape.theta + displacement[2]),
         curvature=freeze(shape.curvature + bent[0]),
-        intrinsic_curvature=shape.intrinsic_curvature,
         moment=freeze(shape.moment + bent[1]),
-        force=shape.force,
-        end_moment=shape.end_moment,
-        pressure=shape.pressure,
-        converged=shape.converged,
-        status=shape.status,
-        residual=shape.residual,
-        iterations=shape.iterations,
-        stable=shape.stable,
-        extrapolated=shape.extrapolated,
-        solution=shape.solution,
     )
 
 
