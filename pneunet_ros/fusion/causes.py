@@ -98,7 +98,12 @@ def update_from(
 
 
 def with_posterior(updated: HypothesisUpdate, after: Belief) -> HypothesisUpdate:
-    """Return the frame with the belief that another initial prior would have given."""
+    """Return the frame with the belief that another initial prior would have given.
+
+    A frame that was not used says nothing of that either.
+    """
+    if updated.update.belief is None:
+        return updated
     return replace(updated, update=replace(updated.update, belief=after))
 
 
@@ -355,8 +360,18 @@ class MirroredCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try the mirrored targets."""
-        yield update_from(model, updated, replace_causes(updated.before, MIRRORED)), 0.0
+        """Try the mirrored targets from the start.
+
+        The frames so far were read the wrong way round, so the belief says nothing. What it is
+        worth is compared without it: this frame alone, mirrored and as it is.
+        """
+        before = updated.before
+        first = first_belief(model.of(before.causes).unknowns, before.stamp_ns, before.causes)
+        plain = update_from(model, updated, first)
+        mirrored = update_from(model, updated, replace_causes(first, MIRRORED))
+        earlier = updated.log_evidence - plain.log_evidence
+        if math.isfinite(earlier):
+            yield mirrored, earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -101,7 +101,8 @@ def weigh(
     by = update_with_likeliest_walk if is_due(state) else update_with_walk
     weighed += [(by(model, updated.frame, one.belief), one.log_weight) for one in other_hypotheses]
     best = best_of(weighed)
-    if best[0].update.fit is not None or is_due(state):
+    # A frame that does not fit must not wait for its cause, unless none has fitted ever.
+    if is_due(state) or (best[0].update.fit is not None and best[0].before.frames):
         touches = contact_alternatives(model, weighed, best)
         weighed += touches
         if should_test_causes(model, best[0], weighed, touches):

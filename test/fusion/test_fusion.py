@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from pneunet_ros.core.errors import ModelError
@@ -12,7 +13,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.belief import first_belief, FORCE_SENSOR, PRESSURE
 from pneunet_ros.fusion.belief_estimate import STIFFNESS_UNKNOWN
 from pneunet_ros.fusion.causes import (
     CAMERA,
@@ -21,9 +22,12 @@ from pneunet_ros.fusion.causes import (
     PressureCause,
     TARGETS,
     TargetsCause,
+    with_posterior,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.frame_update import FrameUpdate
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
@@ -605,6 +609,14 @@ def test_a_belief_that_keeps_all_frames_out_is_forgotten():
     assert state.counts.frames == used + 20 - 3
 
 
+def test_a_frame_that_fits_nothing_says_nothing_of_what_was_so_from_the_start():
+    """Or its evidence is minus infinity, and no hypothesis is left."""
+    first = first_belief(fusion().model.unknowns, 0)
+    lost: Any = FrameUpdate(belief=None, reason='inconsistent')
+    updated: Any = HypothesisUpdate(frame=None, before=first, problem=None, update=lost)
+    assert with_posterior(updated, first) is updated
+
+
 @cache
 def calibrated() -> Fusion:
     """Return the fusion by a model that knows where its targets are painted."""
@@ -1023,10 +1035,13 @@ def test_a_frame_between_rare_readings_is_known_by_both_once_they_are_there():
     assert covered(found.tip_error[read], covariance) > 0.8
 
 
-def test_a_mirrored_image_is_told_and_the_shape_is_right():
+@pytest.mark.parametrize('first', [0, 10, 40])
+def test_a_mirrored_image_is_told_and_the_shape_is_right(first):
+    """Also where the arm is straight first, and looks the same on either side."""
+
     def mirrored(frame, seen):
         return replace(seen, y=-seen.y)
 
-    found = fuse(change=mirrored, frames=range(40, 80))
+    found = fuse(change=mirrored, frames=range(first, 80))
     assert found.state.certain_causes == {'mirrored'}
     assert found.tip_covered() > 0.9

@@ -82,7 +82,8 @@ def watched(fusion: Fusion) -> Fusion:
 
 def test_a_frame_alone_needs_gravity_as_a_pressure_does(fusion):
     of = watched(fusion)
-    frames = [frame(of, stamp_ms) for stamp_ms in range(1000, 2000, 100)]
+    upright = replace(of, arm=replace(of.arm, gravity=gravity_of([-1.0, 0.0])))
+    frames = [frame(upright, stamp_ms) for stamp_ms in range(1000, 2000, 100)]
     state, outcomes = run(of, *frames)
     assert {one.reason for one in outcomes if one is not None} == {'no_imu'}
     assert state.counts.unused['no_imu'] and state.belief is None
