@@ -59,6 +59,14 @@ def track(arguments: Namespace) -> int:
         colored=settings.dot_color is not None,
     )
     stream = open_images(arguments.source, request)
+    if stream.turned and settings.shutter.readout:
+        raise RequestError(
+            f'{arguments.source} is turned by {stream.turned} deg to be upright, so its rows are '
+            f'not those of the sensor: shutter.readout = {settings.shutter.readout:g} s in the '
+            'camera file must be 0, or the film be written as it is shown (ffmpeg -i FILM '
+            'OUT.mp4) and, if turned by 180 deg, the readout be negative',
+            reason='not_supported',
+        )
     readings = film_readings(arguments, stream)
     objections: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import cv2
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.share import share_path
@@ -185,6 +186,37 @@ def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys
     assert f'--clamp-pixel {pixel[1]} {pixel[2]}' in said
     assert main([*command, str(output), '--clamp-pixel', pixel[1], pixel[2]]) == 0
     assert output.exists()
+
+
+def test_a_turned_film_has_no_rows_of_the_sensor(tmp_path, capsys):
+    """As a phone writes it that was held the other way round: its readout is along no row."""
+    write_video(tmp_path / 'upright.avi', pictures(8))
+    film = tmp_path / 'film.mp4'
+    writer = cv2.VideoWriter(
+        str(film), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*'mp4v'), RATE, pictures()[0].shape[::-1]
+    )
+    for picture in pictures(8):
+        writer.write(cv2.cvtColor(picture[::-1, ::-1], cv2.COLOR_GRAY2BGR))
+    writer.release()
+    content = bytearray(film.read_bytes())
+    matrix = content.index(b'tkhd') + 44  # of ISO 14496-12: what a player does with the pixels
+    turn = np.array([-1, 0, 0, 0, -1, 0, *pictures()[0].shape[::-1], 1 << 14], '>i4')
+    turn[[0, 4, 6, 7]] <<= 16
+    content[matrix : matrix + 36] = turn.tobytes()
+    film.write_bytes(content)
+    camera = share_path('config/camera.yaml').read_text()
+    for name, readout, code in (
+        ('film.mp4', 0.02, 2),
+        ('film.mp4', 0.0, 0),
+        ('upright.avi', 0.02, 0),
+    ):
+        file = tmp_path / 'camera.yaml'
+        file.write_text(camera.replace('readout: 0.0', f'readout: {readout}'))
+        words = [str(tmp_path / name), '--camera-info', 'none', '--camera', str(file), '--json']
+        assert main(['track', *words]) == code
+        said = capsys.readouterr()
+        if code:
+            assert refusal((code, *said)) == 'not_supported'
 
 
 def test_an_upright_arm_is_refused_at_once_and_what_is_said_helps(tmp_path, capsys):

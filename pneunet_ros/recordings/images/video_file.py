@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 import math
 import os
 from pathlib import Path
@@ -57,6 +58,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
         raise RecordingError(f'{path} does not exist: give a video file', reason='not_found')
     video = _open_video(path)
     file_rate, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
+    turned = round(video.get(cv2.CAP_PROP_ORIENTATION_META)) % 360
     times = _first_times(video)
     video.release()
     if not times:
@@ -89,7 +91,8 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
     clock = 'presentation times in the file' if timed else counted_clock(used)
-    return stream_of_file('video', path, items, camera_info, frames, clock)
+    stream = stream_of_file('video', path, items, camera_info, frames, clock)
+    return replace(stream, turned=turned)
 
 
 def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
