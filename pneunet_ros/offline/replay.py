@@ -100,7 +100,7 @@ def messages_in_order(
     """
     order = arrival_order(sensor for sensor in ties if sensor in topics.values())
     try:
-        for message in recording.messages(list(topics), of_sensors=True):
+        for message in recording.messages(list(topics)):
             yield from order.take(message.log_time_ns - 1)
             stamp_ns = header_stamp(message.message)
             order.add(topics[message.topic].name, message.log_time_ns, stamp_ns, message)

@@ -19,12 +19,11 @@ from pneunet_ros.core.errors import MessageError, RecordingError, shortened
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
-from pneunet_ros.messages.cdr_reader import read_message
 from pneunet_ros.messages.readings import is_estimated
 from pneunet_ros.recordings.bag_folder import stored_files, unread_parts
 from pneunet_ros.recordings.limits import LONGEST_NAME, MOST_WAITING
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
-from pneunet_ros.recordings.message_store import deserialize, jazzy, store_for
+from pneunet_ros.recordings.message_store import deserialize, store_for
 from pneunet_ros.recordings.plain_mcap import plain_mcap, unpacked_message
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
@@ -186,23 +185,15 @@ class Recording:
                     held_bytes -= len(entry[3].raw) + MESSAGE_OVERHEAD
                 del pending[:ready]
 
-    def messages(
-        self, topics: Sequence[str], *, of_sensors: bool = False
-    ) -> Iterator[RecordedMessage]:
+    def messages(self, topics: Sequence[str]) -> Iterator[RecordedMessage]:
         """Yield the decoded messages of these topics, in the order of `raw_messages`.
 
-        of_sensors: whether to decode only the needed fields of sensors, which is many times
-        faster. Raises RecordingError if a message does not have the type of its topic, or if the
-        type is unknown.
+        Raises RecordingError if a message does not have the type of its topic, or if the type is
+        unknown.
         """
         types = {name: self.topic(name) for name in topics}
         stores = {name: store_for(topic.type, topic.definition) for name, topic in types.items()}
-        quick = {name for name in topics if of_sensors and stores[name] is jazzy()}
         for name, log_time, raw in self.raw_messages(topics):
-            message = read_message(raw, types[name].type) if name in quick else None
-            if message is not None:
-                yield RecordedMessage(name, log_time, message, raw)
-                continue
             try:
                 message = deserialize(raw, types[name].type, stores[name])
             except MessageError as error:
