@@ -62,7 +62,7 @@ MOST_STEPS = 2000  # between two readings: after a longer gap the swing of the a
 class MovingState:
     """State of the motion at a stamp: the equilibrium as links, and the swing.
 
-    turned (links,) rad/s: rate of rotation of the equilibrium before the stamp.
+    turned (shapes,) 1/s: rate of the equilibrium before the stamp, in units of q.
     """
 
     stamp_ns: int
@@ -300,7 +300,7 @@ def follow_reading(
     `after_gap`. modes: their moments define the shapes.
     """
     after, room = room_for_links(LINKS, float(solved[1][LOAD_OFFSET])), room_for(SHAPES, LINKS)
-    swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(LINKS)
+    swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(SHAPES)
     gap = 0.0
     if state is not None:
         elapsed = seconds_between(state.stamp_ns, stamp_ns)
@@ -396,7 +396,6 @@ def go_between(
         turned,
         room_for(SHAPES, LINKS),
     )
-    turned = (after.heading - state.links.heading) / seconds
     return MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
 
 

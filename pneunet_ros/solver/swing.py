@@ -26,8 +26,6 @@ from pneunet_ros.solver.panel import sine_cosine
 
 Q, P = range(2)  # rows of a state
 MASS, DAMPING = range(2)  # errors that stay
-# Integral of a parabola between two readings, per second difference of it and time between them.
-BETWEEN = 1.0 / 12.0
 
 
 class Swing(NamedTuple):
@@ -322,22 +320,48 @@ def product(left: Array, right: Array, factor: float, out: Array) -> None:
 
 
 @inner
-def transition(rates: Array, seconds: float, steps: int) -> Array:
-    """Return exp(rates seconds), (k, k), by fourth-order Runge-Kutta."""
+def transition(rates: Array, seconds: float) -> Array:
+    """Return exp(rates seconds), (k, k), by one step of fourth-order Runge-Kutta."""
     size = rates.shape[0]
-    one, power, result, work = np.eye(size), np.eye(size), np.eye(size), np.empty((size, size))
+    result, power, work = np.eye(size), np.eye(size), np.empty((size, size))
     for order in range(1, 5):
-        product(power, rates, seconds / steps / order, work)
+        product(power, rates, seconds / order, work)
         for i in range(size):
             for j in range(size):
                 power[i, j] = work[i, j]
-                one[i, j] += work[i, j]
-    for _ in range(steps):
-        product(one, result, 1.0, work)
-        for i in range(size):
-            for j in range(size):
-                result[i, j] = work[i, j]
+                result[i, j] += work[i, j]
     return result
+
+
+@inner
+def add_unknown_course(covariance: Array, step: Array, steps: int, change: Array) -> None:
+    """Add the covariance of a change at an unknown instant between two readings, in place.
+
+    change (shapes,): of the equilibrium, in units of q; step: transition over one of the steps
+    between the readings. A change at once, at any instant with equal probability, is on average
+    the change along a line that `advance` follows; its covariance is the spread about that.
+    """
+    size = covariance.shape[0]
+    late, early, mean = np.zeros(size), np.empty(size), np.zeros(size)
+    square = np.zeros((size, size))
+    for a in range(change.size):
+        late[a] = change[a]
+    for _ in range(steps):  # the later the change, the less of its swing has passed
+        for i in range(size):
+            early[i] = 0.0
+            for j in range(size):
+                early[i] += step[i, j] * late[j]
+        for i in range(size):
+            mean[i] += 0.5 * (late[i] + early[i]) / steps
+            for j in range(size):
+                ends = late[i] * late[j] + early[i] * early[j]
+                across = late[i] * early[j] + early[i] * late[j]
+                square[i, j] += (2.0 * ends + across) / (6.0 * steps)
+        for i in range(size):
+            late[i] = early[i]
+    for i in range(size):
+        for j in range(size):
+            covariance[i, j] += square[i, j] - mean[i] * mean[j]
 
 
 @kernel
@@ -355,11 +379,11 @@ def advance_chain(
 ) -> None:
     """Advance a chain in place; moments (shapes, n) N m: those of the shapes.
 
-    before, after: its equilibrium at either end. turned (n,) rad/s: its rate of turn until
-    `before`; if it turns at another rate now, its path between the readings may have been a
-    parabola instead of a line, and the covariance grows by this difference.
+    before, after: its equilibrium at either end. turned (shapes,) 1/s: rate of the equilibrium
+    until `before`, in units of q, and then until `after`. What its change since then and the
+    change of its rate have in common may have come at any instant, see `add_unknown_course`.
     """
-    count, links = moments.shape
+    count = moments.shape[0]
     rates = np.empty((2, count))
     damping, inverse = np.empty((count, count)), np.empty((count, count))
     errors = np.empty((2, 2 * count))
@@ -372,9 +396,15 @@ def advance_chain(
             room.rates[row, a] = rates[row, a]
     linear = linear_rates(after, damping_time, moments, room, damping, inverse)
     constant_error_rates(swing.state, damping, room, inverse, errors)
-    transition_matrix = transition(linear, seconds, steps)
+    step = transition(linear, seconds / steps)
     size = 2 * count
-    columns, covariance = np.empty((2, size)), np.empty((size, size))
+    transition_matrix, covariance = np.eye(size), np.empty((size, size))
+    for _ in range(steps):
+        product(step, transition_matrix, 1.0, covariance)
+        for i in range(size):
+            for j in range(size):
+                transition_matrix[i, j] = covariance[i, j]
+    columns = np.empty((2, size))
     for cause in range(2):
         for i in range(size):
             columns[cause, i] = seconds * errors[cause, i]
@@ -390,16 +420,26 @@ def advance_chain(
             for k in range(size):
                 total += covariance[i, k] * transition_matrix[j, k]
             swing.covariance[i, j] = total
-    kick = np.zeros(count)
-    for i in range(links):
-        change = (after.heading[i] - before.heading[i]) / seconds - turned[i]
-        if i > 0:
-            change -= (after.heading[i - 1] - before.heading[i - 1]) / seconds - turned[i - 1]
-        for a in range(count):
-            kick[a] += BETWEEN * seconds * seconds * moments[a, i] * change
+    change, bend = np.empty(count), np.empty(count)
     for a in range(count):
+        rate = 0.0
         for b in range(count):
-            swing.covariance[count + a, count + b] += kick[a] * kick[b]
+            rate += inverse[a, b] * room.gram[1 + b, 0]
+        change[a], bend[a] = seconds * rate, seconds * (rate - turned[a])
+        turned[a] = rate
+    if inertia_of(bend, room) < inertia_of(change, room):
+        change = bend
+    add_unknown_course(swing.covariance, step, steps, change)
+
+
+@inner
+def inertia_of(q: Array, room: Room) -> float:
+    """Return the square of a motion of the shapes, weighted with their inertia."""
+    total = 0.0
+    for a in range(q.size):
+        for b in range(q.size):
+            total += q[a] * room.gram[1 + a, 1 + b] * q[b]
+    return total
 
 
 @inner
@@ -523,14 +563,12 @@ def follow_swing(
         advance_chain(
             swing, seconds, steps, before, after, masses, damping_time, moments, turned, room
         )
-        for i in range(links):
-            turned[i] = (after.heading[i] - before.heading[i]) / seconds
     else:
         slopes(
             swing.state, 0.0, 1.0, after, after, masses, damping_time, moments, room, room.rates
         )
-        for i in range(links):
-            turned[i] = 0.0
+        for a in range(count):
+            turned[a] = 0.0
     q = swing.state[Q]
     for i in range(2 + links):  # nodes
         for a in range(count):

@@ -16,6 +16,7 @@ from pneunet_ros.estimation.frame_prediction import predict_frame
 from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.moving_arm import rates_about
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.moment_law import LinearLaw
@@ -68,7 +69,7 @@ def test_a_small_swing_is_the_vibration_of_the_linearized_rod(pressure):
     shape = solve(arm, pressure)
     links, masses, modes = links_at(shape.solution), masses_of(arm), vibration(arm, shape, 1)
     swing, room = swing_of([1e-4]), room_for(1, links.heading.size)
-    still = np.zeros(links.heading.size)
+    still = np.zeros(1)
     frequency, rate = modes.frequency[0], modes.damping[0]
     damped = np.sqrt(frequency**2 - 0.25 * rate**2)
     for index in range(1, 100):
@@ -103,7 +104,7 @@ def test_without_damping_a_large_swing_keeps_its_energy():
     shape = solve(arm, 20e3, (0.05, 0.02))
     links, masses, modes = links_at(shape.solution), masses_of(arm), vibration(arm, shape, 2)
     swing, room = swing_of([0.02, 1e-3]), room_for(2, links.heading.size)
-    still = np.zeros(links.heading.size)
+    still = np.zeros(2)
     first = energy(arm, swing, modes.moment, links)
     turned = 0.0
     for _ in range(150):
@@ -111,6 +112,38 @@ def test_without_damping_a_large_swing_keeps_its_energy():
         assert energy(arm, swing, modes.moment, links) == pytest.approx(first, rel=2e-3)
         turned = max(turned, np.abs(swing.state[0] @ modes.shape)[-1])
     assert turned > 1.0  # rad: it is large
+
+
+def test_a_change_at_an_unknown_instant_spreads_as_changes_at_all_instants():
+    arm, seconds, steps = moving(), 0.2, 20
+    low, high = (links_at(solve(arm, pressure).solution) for pressure in (20e3, 20.5e3))
+    masses, modes = masses_of(arm), vibration(arm, solve(arm, 20e3), 2)
+    room, change = room_for(2, low.heading.size), low.heading - high.heading
+    _, projection = rates_about(high, masses, DAMPING_TIME, modes.moment)
+    late, states = (np.arange(40) + 0.5) / 40 * seconds, []
+    for rest in late:  # since the equilibrium jumped
+        swing, still = swing_of(projection @ change), np.zeros(2)
+        advance_chain(
+            swing, rest, steps, high, high, masses, DAMPING_TIME, modes.moment, still, room
+        )
+        states.append(swing.state.ravel())
+    swing, turned = at_rest(2), np.zeros(2)
+    advance_chain(
+        swing, seconds, steps, low, high, masses, DAMPING_TIME, modes.moment, turned, room
+    )
+    sizes = np.std(states, axis=0)
+    assert swing.state.ravel() == pytest.approx(np.mean(states, axis=0), abs=0.02 * sizes.max())
+    spread = swing.covariance / np.outer(sizes, sizes)
+    assert spread == pytest.approx(np.cov(np.array(states).T / sizes[:, None], ddof=0), abs=0.03)
+    swing = at_rest(2)  # it goes on as before, so that nothing came at any other instant
+    advance_chain(
+        swing, seconds, steps, low, high, masses, DAMPING_TIME, modes.moment, turned, room
+    )
+    assert np.diag(swing.covariance) == pytest.approx(np.zeros(4), abs=1e-12)
+    advance_chain(  # and it is where it was: nothing has come
+        swing, seconds, steps, high, high, masses, DAMPING_TIME, modes.moment, turned, room
+    )
+    assert np.diag(swing.covariance) == pytest.approx(np.zeros(4), abs=1e-12)
 
 
 def test_errors_of_mass_and_damping_are_those_of_a_swing_with_others():
@@ -122,7 +155,7 @@ def test_errors_of_mass_and_damping_are_those_of_a_swing_with_others():
         masses = masses_of(arm)
         masses = masses._replace(mass=freeze((1.0 + mass) * masses.mass))
         swing, room = at_rest(2), room_for(2, low.heading.size)
-        before, still = low, np.zeros(low.heading.size)
+        before, still = low, np.zeros(2)
         for _ in range(60):
             advance_chain(
                 swing, 0.01, 2, before, high, masses, (1.0 + damping) * DAMPING_TIME,
