@@ -69,11 +69,12 @@ class Reference:
 
     heading (links,) rad of the reference; projection (shapes, links): S, and turns (shapes, links)
     of each shape. links of the equilibrium at the unknowns (n,), with turning (links, n):
-    derivatives of their headings; turned (shapes,) 1/s: its previous rate, in units of q. at_tip (shapes, 2)
-    m: displacement of the tip by each shape. lag (links,) rad: lag of faster shapes behind the
-    equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation error of a swing, and of
-    the response of the faster modes. pull (4, shapes): effect of a load on coordinates and momenta
-    since the last reference, per force on each shape. lost: whether the swing is unknown.
+    derivatives of their headings; turned (shapes,) 1/s: its previous rate, in units of q. at_tip
+    (shapes, 2) m: displacement of the tip by each shape. lag (links,) rad: lag of faster shapes
+    behind the equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation error of a
+    swing, and of the response of the faster modes. pull (4, shapes): effect of a load on
+    coordinates and momenta since the last reference, per force on each shape. lost: whether the
+    swing is unknown.
     """
 
     heading: Array
