@@ -214,7 +214,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
     if position.reason:
         failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
         return Prediction(shape=replace(failed, extrapolated=True))
-    loaded = bool(arguments.force or arguments.moment or arguments.string or arguments.tip)
+    loaded = bool(arguments.tip or arguments.string or arguments.force or arguments.moment)
     estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=loaded))
     estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
     if arguments.string and estimate is not None:
