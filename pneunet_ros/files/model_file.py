@@ -26,6 +26,7 @@ from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown, SensorNoise
 from ruamel.yaml import YAML
+from ruamel.yaml.representer import SafeRepresenter
 
 SCHEMA_VERSION = 1
 TOP = (
@@ -46,6 +47,20 @@ TOP = (
 OPTIONAL = {'effects', 'covariance', 'domain', 'gravity', 'motion', 'sources', 'provenance'}
 PLACEMENT_KEYS = ('mean', 'std', 'factor', 'origin')
 MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number in SI units')
+
+
+class PointedRepresenter(SafeRepresenter):
+    """YAML representer that writes 1e-05 as 1.0e-05: YAML 1.1 reads the former as a text."""
+
+    def represent_float(self, data: float) -> Any:
+        """Return a number with a decimal point."""
+        node = super().represent_float(data)
+        if '.' not in node.value:
+            node.value = node.value.replace('e', '.0e')
+        return node
+
+
+PointedRepresenter.add_representer(float, PointedRepresenter.represent_float)
 
 
 def load_model(path: str | Path) -> Arm:
@@ -75,6 +90,7 @@ def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
         PneunetError: the file exists already, or cannot be written.
     """
     yaml = YAML(typ='safe', pure=True)
+    yaml.Representer = PointedRepresenter
     yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.width = 99

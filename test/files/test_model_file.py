@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 import math
 import os
@@ -14,6 +15,7 @@ import numpy as np
 from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.notes import Note
+from pneunet_ros.core.share import share_path
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.files.model_file import mapping_from_arm, model_hash
@@ -23,6 +25,7 @@ import pytest
 from ruamel.yaml import YAML
 from support.example_arms import ALL_MECHANICS, PAPER_ARM, paper_arm, plain_arm, rebuilt
 from support.refusals import refused
+import yaml
 
 # The example of the contract, section 2.4, word for word.
 EXAMPLE = """\
@@ -191,6 +194,41 @@ def test_numbers_without_a_point_are_numbers(write):
     assert load_model(write('0.17 ', '17e-2 ')).weight == 0.17
     assert load_model(write('pressure_std: 60.0', 'pressure_std: 60')).sensors.pressure_std == 60.0
     assert load_model(write('[0.0, 55000.0]', '[0, 55e3]')).intrinsic_curvature.pressure[1] == 55e3
+
+
+def texts_of_numbers(content, where=''):
+    """Yield where a text stands that is a number."""
+    if isinstance(content, dict | list):
+        items = content.items() if isinstance(content, dict) else enumerate(content)
+        for key, value in items:
+            yield from texts_of_numbers(value, f'{where}.{key}')
+    elif isinstance(content, str):
+        with suppress(ValueError):
+            float(content)
+            yield where
+
+
+@pytest.mark.parametrize('folder', ['bags', 'config', 'scenarios'])
+def test_a_reader_of_yaml_1_1_finds_numbers_in_every_shipped_file(folder):
+    paths = list(share_path(folder).rglob('*.yaml'))
+    assert paths
+    for path in paths:
+        assert not list(texts_of_numbers(yaml.safe_load(path.read_text()))), path
+
+
+def test_a_reader_of_yaml_1_1_finds_numbers_in_every_written_file(tmp_path):
+    factor = [[1e-05, 0.0], [-1e-07, 1e22]]
+    covariance = ModelCovariance(
+        quantities=('arm.length', 'moment_law.rigidity.0.1'), factor=factor
+    )
+    arm = replace(paper_arm((Extensibility(axial_stiffness=math.inf),)), covariance=covariance)
+    save_model(arm, tmp_path / 'model.yaml')
+    read = yaml.safe_load((tmp_path / 'model.yaml').read_text())
+    assert not list(texts_of_numbers(read))
+    assert read['sensors']['moment_std'] == 1e-05
+    assert read['covariance']['factor'] == factor
+    assert read['effects']['extensibility']['axial_stiffness'] == math.inf
+    assert model_hash(load_model(tmp_path / 'model.yaml')) == model_hash(arm)
 
 
 def test_effects_are_read_with_their_parameters(write):

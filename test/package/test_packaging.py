@@ -56,6 +56,7 @@ OF_TESTS = {
     'hypothesis': 'python3-hypothesis',
     'pytest': 'python3-pytest',
     'setuptools': 'python3-setuptools',
+    'yaml': 'python3-yaml',
 }
 # Skipped without them, or scripts beside the pages.
 BESIDE_TESTS = {'extensible_arm_story', 'make_my_finger', 'mujoco', 'skimage', 'sklearn'}
