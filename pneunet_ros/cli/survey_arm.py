@@ -27,7 +27,7 @@ from pneunet_ros.files.model_file import load_model, model_hash, save_model
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.calibration_files import described_arm, save_knowledge
+from pneunet_ros.offline.calibration_files import described_arm, inputs_of, save_knowledge
 from pneunet_ros.offline.check import check_recording
 from pneunet_ros.offline.survey import Files, FleetArm
 from pneunet_ros.offline.uses import UseRequest
@@ -148,13 +148,10 @@ class SurveyWork:
         )
         discovery = discover(investigation)
         diagnosis = investigation.overruled(discovery.overruling).diagnosis
-        inputs = [
-            ('training', (*arm.roles['unloaded'], *arm.roles['loaded'])),
-            ('heldout', arm.roles['heldout']),
-        ]
+        fitted = (*arm.roles['unloaded'], *arm.roles['loaded'])
         provenance = {
             'model': {'file': CALIBRATED, 'content_sha256': model_hash(model)},
-            'inputs': inputs,
+            'inputs': inputs_of((('training', fitted), ('heldout', arm.roles['heldout']))),
             'versions': versions(),
         }
         used, tested = investigation.recordings  # minus the frames without an equilibrium

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+import hashlib
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -114,6 +115,15 @@ def test_a_fleet_is_done_once_and_what_failed_says_why(run, tmp_path):
     assert Path('out/arms/long/report.html').is_file()
     assert f'--model {tmp_path / "fleet/torn/arm.yaml"}</code>' in page
     assert load_model('out/arms/long/model.yaml').effects[0].name == 'pressure_elongation'
+    diagnosis = json.loads(Path('out/arms/long/diagnosis.json').read_text())
+    assert diagnosis['inputs'] == [  # as `diagnose` writes them
+        {
+            'file': f'{name}.mcap',
+            'sha256': hashlib.sha256(Path(f'fleet/long/{name}.mcap').read_bytes()).hexdigest(),
+            'role': role,
+        }
+        for name, role in (('unloaded', 'training'), ('heldout', 'heldout'))
+    ]
 
     # The same command again does the arm that was mended meanwhile, and nothing else.
     torn.write_bytes(whole)
