@@ -6,6 +6,7 @@ from typing import Any
 
 from pneunet_ros.core.health import age, count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement, FORCE_NOT_JUDGED
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -105,9 +106,7 @@ class EstimatorHealth(InputHealth):
         return Level.OK, f'estimating at {self.rate(now):.3g} Hz'
 
     def _values(self, state: EstimatorState, now: float) -> dict[str, str]:
-        estimate, wrench = self._estimate, state.wrench
-        position = estimate.position if estimate else None
-        gravity = estimate.gravity if estimate else None
+        estimate = self._estimate
         values: dict[str, Any] = {
             'rate_hz': self.rate(now),
             'estimates': state.estimates,
@@ -115,17 +114,7 @@ class EstimatorHealth(InputHealth):
             'pressure_age_s': self.input_age(now),
             'wrench_age_s': age(self._wrench_at, now),
             'wrench_lag_s': estimate.wrench_age if estimate else None,
-            'residual_rad': estimate.shape.residual if estimate else None,
-            'iterations': estimate.shape.iterations if estimate else None,
-            'stable': estimate.shape.stable if estimate else None,
-            'extrapolated': estimate.shape.extrapolated if estimate else None,
-            'pressure_beyond': position.pressure_beyond if position else None,
-            'load_beyond': position.load_beyond if position else None,
-            'gravity_x_g': gravity[0] if gravity else None,
-            'gravity_y_g': gravity[1] if gravity else None,
-            'force_z_n': wrench.force_z if wrench else None,
-            'moment_x_n_m': wrench.moment_x if wrench else None,
-            'moment_y_n_m': wrench.moment_y if wrench else None,
+            **solve_values(estimate, state.wrench),
             'solve_time_s': self._solve_time if estimate else None,
             'latency_p50_s': self.latency(50.0),
             'latency_p99_s': self.latency(99.0),
@@ -155,6 +144,25 @@ class EstimatorHealth(InputHealth):
             'targets_matched': consistency.matched,
         }
         return texts(values) | count_texts('targets_unmatched', consistency.unmatched)
+
+
+def solve_values(estimate: ShapeEstimate | None, wrench: WrenchReading | None) -> dict[str, Any]:
+    """Return numbers of an estimate, and the out-of-plane part of the last wrench."""
+    position = estimate.position if estimate else None
+    gravity = estimate.gravity if estimate else None
+    return {
+        'residual_rad': estimate.shape.residual if estimate else None,
+        'iterations': estimate.shape.iterations if estimate else None,
+        'stable': estimate.shape.stable if estimate else None,
+        'extrapolated': estimate.shape.extrapolated if estimate else None,
+        'pressure_beyond': position.pressure_beyond if position else None,
+        'load_beyond': position.load_beyond if position else None,
+        'gravity_x_g': gravity[0] if gravity else None,
+        'gravity_y_g': gravity[1] if gravity else None,
+        'force_z_n': wrench.force_z if wrench else None,
+        'moment_x_n_m': wrench.moment_x if wrench else None,
+        'moment_y_n_m': wrench.moment_y if wrench else None,
+    }
 
 
 def force_judged(force_read: bool) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from pneunet_ros.core.health import age, count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.health import force_judged
+from pneunet_ros.estimation.health import force_judged, solve_values
 from pneunet_ros.fusion.contact import Contact
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
@@ -127,7 +127,7 @@ class FusionHealth(InputHealth):
             'pressure_bias_pa': None if last is None else last.pressure_bias,
             'pressure_bias_std_pa': None if last is None else last.pressure_bias_std,
             'force_sensor': None if sensor is None else sensor.words,
-            'extrapolated': None if last is None else last.estimate.shape.extrapolated,
+            **solve_values(None if last is None else last.estimate, state.readings.wrench),
             'solve_time_s': self._solve_time,
             'latency_p50_s': self.latency(50.0),
             'latency_p99_s': self.latency(99.0),

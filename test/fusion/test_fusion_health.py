@@ -8,6 +8,9 @@ import math
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import WrenchReading
+from pneunet_ros.estimation.health import EstimatorHealth, solve_values
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.contact import Contact
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
@@ -113,6 +116,32 @@ def test_level_and_words_are_those_of_the_estimate(outcome, level, words, values
     assert report.level == level, report.message
     assert words in report.message
     assert {name: report.values[name] for name in values} == values
+
+
+def test_solve_and_out_of_plane_wrench_are_those_of_the_estimator():
+    wrench = WrenchReading(
+        stamp_ns=1,
+        force_x=0.1,
+        force_y=0.0,
+        moment=0.0,
+        frame_id='base',
+        force_z=0.03,
+        moment_x=1e-3,
+        moment_y=2e-3,
+    )
+    readings = EstimatorState().with_wrench(wrench)
+    values = report_of(fused(), FusionState(readings=readings)).values
+    health = EstimatorHealth('/p/pressure', 100.0)
+    health.record_pressure(fused().estimate, 100.1, 0.001)
+    expected = health.report(readings, EstimatorSettings(), 100.2).values
+    names = {name for name in values if name in solve_values(None, None)}
+    assert {'residual_rad', 'iterations', 'stable', 'load_beyond', 'gravity_x_g'} < names
+    assert {name: values[name] for name in names} == {name: expected[name] for name in names}
+    assert float(values['residual_rad']) == pytest.approx(
+        fused().estimate.shape.residual, rel=1e-3
+    )
+    parts = ('force_z_n', 'moment_x_n_m', 'moment_y_n_m')
+    assert [values[name] for name in parts] == ['0.03', '0.001', '0.002']
 
 
 def test_a_force_sensor_that_is_no_longer_read_is_said():
