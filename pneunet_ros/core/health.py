@@ -32,6 +32,11 @@ class Report:
     values: Mapping[str, str]
 
 
+def hardware_id(namespace: str, node: str) -> str:
+    """Return the hardware of a status: the namespace of its node, or the node if it has none."""
+    return namespace.strip('/') or node
+
+
 class InputHealth:
     """Collects the outcomes of the essential input of a node: readings or images.
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.core.health import count_texts, Level, Report, REPORT_PERIOD
+from pneunet_ros.core.health import count_texts, hardware_id, Level, Report, REPORT_PERIOD
 from pneunet_ros.core.kernels import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.messages.readings import PRESSURE
@@ -306,7 +306,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             level=bytes([level]),
             name=f'{self.get_fully_qualified_name()[1:]}: {what}',
             message=message,
-            hardware_id=self.get_namespace().strip('/') or self.get_name(),
+            hardware_id=hardware_id(self.get_namespace(), self.get_name()),
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
         array = DiagnosticArray(status=[status])

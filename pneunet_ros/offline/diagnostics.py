@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from pneunet_ros.core.health import Report, REPORT_PERIOD
+from pneunet_ros.core.health import hardware_id, Report, REPORT_PERIOD
 from pneunet_ros.core.stamps import LATEST_STAMP
 from pneunet_ros.core.units import seconds_since
 from pneunet_ros.files.model_file import model_label
@@ -51,7 +51,9 @@ class Diagnostics(ABC):
 
     def __init__(self, arm: Arm, pressure: str, name: str) -> None:
         """Initialize; pressure: its topic; name of the status, e.g. 'fusion: shape and force'."""
-        self._name, self._label = f'{namespace_of(pressure)}{name}', model_label(arm)
+        namespace = namespace_of(pressure)
+        self._name, self._label = f'{namespace}{name}', model_label(arm)
+        self._hardware = hardware_id(namespace, name.partition(':')[0])
         self.left_out = error_left_out(arm.covariance, arm.sources)
         self.clock = Clock()
 
@@ -88,7 +90,7 @@ class Diagnostics(ABC):
             level=int(report.level),
             name=self._name,
             message=report.message,
-            hardware_id=self._label,
+            hardware_id=self._hardware,
             values=[pair(key=key, value=value) for key, value in values.items()],
         )
         stamp = header(min(self.clock.now_ns, LATEST_STAMP - 1), '', types)

@@ -442,6 +442,8 @@ def test_diagnostics_hold_all_numbers(peer):
     assert values['warnings'] == ''
     assert float(values['pressure_offset_pa']) == 0.0
     assert values['model'] == model_name(share_path('config/paper_arm.yaml'))
+    status, namespace = peer.statuses[-1], peer.node.get_namespace().strip('/')
+    assert (status.name, status.hardware_id) == (f'{namespace}/estimator: shape', namespace)
 
 
 def test_topics_and_services_are_those_of_the_page(peer):

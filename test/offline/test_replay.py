@@ -13,7 +13,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.files.model_file import load_model
+from pneunet_ros.files.model_file import load_model, model_label
 from pneunet_ros.messages.builders import nanoseconds, POINTS_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import (
@@ -201,6 +201,22 @@ def test_outputs_are_in_the_namespace_of_the_pressure(tmp_path):
     names = {topic.name for topic in open_recording(tmp_path / 'out.mcap').topics}
     own = {f'/left/arm/{item.name}' for item in (*READ, *OUTPUTS)}
     assert names == {*own, '/diagnostics'}
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'name', 'hardware'),
+    [
+        ('/left/arm', 'left/arm/estimator: shape', 'left/arm'),
+        ('', 'estimator: shape', 'estimator'),
+    ],
+)
+def test_a_status_has_name_and_hardware_of_the_node(tmp_path, namespace, name, hardware):
+    record(tmp_path / 'in.mcap', readings(namespace))
+    replayed(tmp_path / 'in.mcap', tmp_path / 'out.mcap')
+    (report,) = open_recording(tmp_path / 'out.mcap').messages(['/diagnostics'])
+    (status,) = report.message.status
+    assert (status.name, status.hardware_id) == (name, hardware)
+    assert {pair.key: pair.value for pair in status.values}['model'] == model_label(ESTIMATOR.arm)
 
 
 def test_a_log_time_that_no_stamp_can_hold_does_not_end_a_replay(tmp_path):
