@@ -157,7 +157,8 @@ def solve(
     Raises:
         RequestError: a value is not a finite number.
     """
-    check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
+    check_finite(pressure=pressure, moment=moment)
+    check_pair(force=force)
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
     return solve_load(arm, load, start, stations)
 
@@ -196,6 +197,18 @@ def check_finite(**values: float) -> None:
             raise RequestError(
                 f'{name} must be a finite number, not {value!r}', reason='not_finite'
             )
+
+
+def check_pair(**pairs: tuple[float, float]) -> None:
+    """Reject anything but two finite numbers, by name."""
+    for name, pair in pairs.items():
+        try:
+            x, y = pair
+        except (TypeError, ValueError):
+            raise RequestError(
+                f'{name} must be two finite numbers, not {pair!r}', reason='not_finite'
+            ) from None
+        check_finite(**{f'{name}_x': x, f'{name}_y': y})
 
 
 @functools.lru_cache(maxsize=64)

@@ -16,6 +16,7 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import (
     check_finite,
+    check_pair,
     DEFAULT_STATIONS,
     failed_shape,
     linearize_shape,
@@ -71,7 +72,8 @@ def solve_tip(
     Raises:
         RequestError: a value is not a finite number.
     """
-    check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)
+    check_finite(pressure=pressure, moment=moment)
+    check_pair(tip=tip)
     load = arm.sense(Load(pressure=pressure, moment=moment))
     chamber = steady_pressure(arm, load.pressure)
     arclength = station_arclength(arm.reach, stations)

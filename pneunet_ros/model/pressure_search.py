@@ -11,7 +11,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.equilibrium import check_finite, solve
+from pneunet_ros.model.equilibrium import check_finite, check_pair, solve
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.shape import Shape
 
@@ -40,7 +40,7 @@ def pressure_for_tip(
     Raises:
         RequestError: a value is not a finite number, or the arm has no shape under this load.
     """
-    check_finite(tip_x=tip[0], tip_y=tip[1])
+    check_pair(tip=tip)
     at = following(lambda pressure, start: solve(arm, pressure, force, moment, start=start))
     return nearest(readings(arm), at, lambda shape: math.dist(shape.tip[:2], tip))
 
@@ -64,7 +64,8 @@ def pressure_for_force(
         RequestError: a value is not a finite number, or no pressure of the calibrated range gives
             that force; the message states the nearest force.
     """
-    check_finite(force=force, tip_x=tip[0], tip_y=tip[1])
+    check_finite(force=force)
+    check_pair(tip=tip)
     at = following(lambda pressure, start: solve_tip(arm, pressure, tip, moment, start=start))
 
     def missed(pressure: float) -> float:

@@ -11,7 +11,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.equilibrium import check_finite, solve_load, tip_jacobian
+from pneunet_ros.model.equilibrium import check_finite, check_pair, solve_load, tip_jacobian
 from pneunet_ros.model.shape import Shape
 
 MOST_STEPS = 30  # total number of Newton steps
@@ -99,7 +99,8 @@ def solve_string(
     The direction follows the tip, by Newton's method with the compliance of the tip; the tension
     is increased in smaller steps if this does not converge.
     """
-    check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
+    check_finite(pressure=pressure, moment=moment)
+    check_pair(force=force)
     other = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
     shape = solve_load(arm, other)
     share, step, steps = 0.0, 1.0, 0

@@ -236,6 +236,9 @@ def test_pressure_out_of_range_is_said_before_anything():
         {'pressure': 40e3, 'tip': (0.05, math.inf)},
         {'pressure': 40e3, 'tip': (0.05, 0.05), 'moment': math.nan},
         {'pressure': 40e3, 'tip': ('0.05', 0.05)},
+        {'pressure': 40e3, 'tip': (0.05,)},
+        {'pressure': 40e3, 'tip': (0.05, 0.05, 0.0)},
+        {'pressure': 40e3, 'tip': None},
         {'pressure': 40e3, 'tip': (0.05, 0.05), 'stations': 1},
     ],
 )

@@ -73,6 +73,14 @@ def test_predict_prints_the_reading(tmp_path, capsys):
     assert '30.000' in capsys.readouterr().out
 
 
+@pytest.mark.parametrize('tip', [(0.05,), (0.05, 0.05, 0.0), 0.05, (0.05, None)])
+def test_a_tip_that_is_no_point_is_refused(tip):
+    with refused(RequestError, 'not_finite'):
+        pressure_for_tip(paper_arm(), tip)
+    with refused(RequestError, 'not_finite'):
+        pressure_for_force(paper_arm(), 0.1, tip)
+
+
 def test_a_force_beyond_all_pressures_is_refused():
     arm = paper_arm()
     with refused(RequestError, 'not_reached'):

@@ -107,6 +107,11 @@ def test_what_is_no_string_is_refused(numbers):
         String(tension=tension, x=x, y=y)
 
 
+def test_a_force_that_is_no_pair_is_refused(arm):
+    with refused(RequestError, 'not_finite'):
+        solve_string(arm, 1e4, String(tension=0.1, x=0.0, y=0.1), (0.1,))
+
+
 def test_an_eye_on_the_arm_is_refused(arm):
     with refused(RequestError, 'out_of_bounds'):
         solve_string(arm, 0.0, String(tension=0.05, x=0.056, y=0.0))
