@@ -51,7 +51,7 @@ from pneunet_ros.vision.rows.row import (
 )
 from pneunet_ros.vision.rows.row_gate import is_at_clamp
 from pneunet_ros.vision.rows.row_motion import at_stamp, start_row
-from pneunet_ros.vision.rows.row_search import search_around, search_row
+from pneunet_ros.vision.rows.row_search import is_shifted, search_around, search_row
 from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest, search_what_moved
 from pneunet_ros.vision.rows.view import NONE_TAKEN, View
 from pneunet_ros.vision.settings import VISION, VisionSettings
@@ -349,7 +349,7 @@ class Tracker:
             if self._is_read_from_tip(state, view, followed[0]):
                 return self._with_wrong_clamp(state, image, followed[0])
             followed = None
-        if followed is None:
+        if followed is None or is_shifted(view, followed[0]):
             state, found = self._search(state, view)
             if isinstance(found, Failure):
                 return self._unexplained(state, image, found)

@@ -500,6 +500,21 @@ def test_a_lost_row_is_searched_everywhere_only_now_and_then(watching):
     assert watching.show(grey).sightings.seen == TARGETS  # where it was
 
 
+@pytest.mark.parametrize('spacings', [1, -1])
+def test_a_camera_that_was_knocked_by_a_spacing_shows_no_row(spacings):
+    """Each target stands where its neighbor was, except at the ends."""
+    film = Film()
+    outcome, _ = film.rest()
+    spacing = np.diff(outcome.sightings.u).mean()
+    for pressure in np.linspace(0.0, 1e3, 4):
+        grey, _ = film.picture(pressure)
+        assert film.show(grey).sightings.seen == TARGETS
+    for _ in range(6):
+        knocked = np.roll(film.picture(1e3)[0], round(spacings * spacing), axis=1)
+        assert film.show(knocked).reason == 'no_row'
+    assert film.show(film.picture(1e3)[0]).sightings.seen == TARGETS
+
+
 @pytest.mark.parametrize('pressure', [0.0, 1e3, 2e3, 3e3])
 def test_the_bow_of_a_row_at_rest_tells_how_far_the_base_frame_is_turned(pressure):
     film = Film()

@@ -8,10 +8,12 @@ import math
 import numpy as np
 from pneunet_ros.vision.association import least_seen, near_row_from_clamp, row_from_clamp
 from pneunet_ros.vision.dots.areas import round_areas
-from pneunet_ros.vision.dots.blobs import Blobs, measure_areas
-from pneunet_ros.vision.dots.centroid import AREA, COLUMNS
+from pneunet_ros.vision.dots.blobs import Blobs, measure_areas, nearest_blobs
+from pneunet_ros.vision.dots.centroid import AREA, COLUMNS, MAJOR
 from pneunet_ros.vision.gating import FARTHEST, initial_area
 from pneunet_ros.vision.rest_plane import Failure
+from pneunet_ros.vision.row_candidates import blob_columns
+from pneunet_ros.vision.row_ends import continues_beyond
 from pneunet_ros.vision.row_look import has_whole_edge, shows_own_size
 from pneunet_ros.vision.rows.partial_targets import with_partial
 from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
@@ -90,7 +92,7 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     usual = initial_area(table[:, AREA], shown, vision.gating)
     sized = has_whole_edge(table, vision.row_look)
     found = with_partial(view, gate_row(view, table, usual), usual, sized)
-    if found.seen < least or not is_at_clamp(view, found.points):
+    if found.seen < least or not is_at_clamp(view, found.points) or is_shifted(view, found):
         others = f', {taken.sum()} of which belong to other arms' if taken.any() else ''
         return Failure(
             reason='no_row',
@@ -100,3 +102,31 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
             'camera moved?',
         )
     return found
+
+
+def is_shifted(view: View, row: ObservedRow) -> bool:
+    """Whether a row lacks the target at one end and continues beyond the other.
+
+    Then the camera has moved along the arm by a spacing.
+    """
+    seen = np.flatnonzero(np.isfinite(row.points[:, 0]))
+    ends = {0, len(row.points) - 1} - set(seen.tolist())
+    if len(ends) != 1:
+        return False
+    forward = 0 in ends
+    order = slice(None, None, 1 if forward else -1)
+    arclength = view.arclength if forward else view.arclength[-1] - view.arclength[::-1]
+    table, points = row.table[order], row.points[order]
+    places = 2.0 * table[-1:, :2] - table[-2:-1, :2]
+    if np.isnan(places).any():
+        return False
+    reach = view.settings.gate * math.hypot(*(places[0] - table[-1, :2]))
+    across = float(table[-1, MAJOR])
+    beyond = nearest_blobs(view.image, places, reach, across, view.appearance)
+    beyond = beyond[np.isfinite(beyond[:, AREA]) & ~view.is_taken(beyond)]
+    known = np.isfinite(points[:, 0])
+    chosen = np.where(known, np.cumsum(known) - 1, -1)
+    blobs = Blobs(np.vstack([table[known], beyond]).T)
+    at = np.vstack([points[known], view.plane.points(view.dot_centers(beyond))])
+    columns = blob_columns(at, blobs.area, blobs.shapes)
+    return continues_beyond(columns, arclength, chosen, view.vision.beam_search)
