@@ -98,8 +98,8 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
             reason='no_row',
             seen=found.seen,
             sentence=f'only {found.seen} of {targets} targets form a row from the clamp, among '
-            f'{len(blobs)} areas{others}; {least} are needed: is the arm covered, or has the '
-            'camera moved?',
+            f'{len(blobs)} areas{others}; {least} are needed: is the arm covered, has the '
+            'camera moved, or has the row more dots than target_arclength?',
         )
     return found
 
