@@ -459,7 +459,7 @@ def toy_of_kernels(folder: Path) -> Path:
     """Return a package with a kernel that calls another, and the compiler of this one."""
     toy = folder / 'toy'
     (toy / 'core' / 'kernels').mkdir(parents=True)
-    for module in ('kernels/jit', 'kernels/compiler', 'kernels/links', 'interrupt'):
+    for module in ('kernels/jit', 'kernels/links', 'interrupt'):
         text = (Path(jit.__file__).parents[1] / f'{module}.py').read_text()
         (toy / 'core' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
     (toy / 'whole.py').write_text(
@@ -548,25 +548,6 @@ def test_a_kept_kernel_calls_another_where_it_is(tmp_path, foreign_environment, 
     assert run_toy(toy, foreign_environment) == ('6.0', '1')
 
 
-@pytest.mark.parametrize(
-    'other_numba',
-    [
-        'from numba.core.codegen import CPUCodeLibrary as Any; of_any = Any._optimize_functions\n'
-        'kernels = dict.fromkeys(["whole", "piece"])  # of those None is called\n'
-        'Any._optimize_functions = lambda one, ir: kernels.get(one.name, of_any)(one, ir)',
-        'from llvmlite import binding\nvars(binding).pop("create_new_module_pass_manager", None)',
-        'from numba.core import codegen; del codegen.JITCodeLibrary',
-    ],
-    ids=['optimized once', 'without its passes', 'without its classes'],
-)
-def test_kernels_are_optimized_once_where_numba_can(tmp_path, foreign_environment, other_numba):
-    toy = toy_of_kernels(tmp_path)
-    write_piece(toy, 'kernel', 3.0)
-    program = f'import numba\n{other_numba}\nimport toy.whole'
-    assert run_toy(toy, foreign_environment, program) == ('6.0', '0')
-    assert run_toy(toy, foreign_environment, program) == ('6.0', '1')
-
-
 def test_a_kept_kernel_does_not_call_one_of_other_types(tmp_path, foreign_environment):
     """Of two processes that compile one kernel, one may keep its code in the file of the other."""
     toy = toy_of_kernels(tmp_path)
@@ -615,9 +596,7 @@ def test_the_fingerprint_is_of_all_files_here_that_kernels_come_from(tmp_path):
     decorated = re.compile(r'^\s*@(kernel|inner|inlined|summing)$', re.MULTILINE)
     files = {file for file in package.rglob('*.py') if decorated.search(file.read_text())}
     assert len(files) > 20
-    compiling = {
-        package / 'core' / 'kernels' / f'{name}.py' for name in ('jit', 'compiler', 'links')
-    }
+    compiling = {package / 'core' / 'kernels' / f'{name}.py' for name in ('jit', 'links')}
     whole = jit.fingerprint(package)
     for file in files | compiling | {package / 'solver' / 'settings.py'}:
         content = file.read_bytes()

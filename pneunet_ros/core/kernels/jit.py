@@ -161,7 +161,7 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     from numba.core.typing.templates import infer_global
 
     numbers_and_arrays_first()
-    compiled: Any = numba.njit(**options, **compiled_by())(function)
+    compiled: Any = numba.njit(**options)(function)
     if options is not INLINED:
         keep(compiled)
     # What kernels call by the plain function; not as numba's `register_jitable`, which compiles
@@ -172,16 +172,6 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
         return kernel_function
     INNER_KERNELS[function] = compiled
     return function
-
-
-def compiled_by() -> dict[str, Any]:
-    """Return the numba option for our compiler; none if the version of numba does not fit."""
-    from pneunet_ros.core.kernels.compiler import kernel_compiler
-
-    try:
-        return {'pipeline_class': kernel_compiler()}
-    except ImportError:
-        return {}
 
 
 def keep(compiled: Any) -> None:
