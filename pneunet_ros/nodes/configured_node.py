@@ -195,7 +195,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         if not changed:  # rclpy declares parameters of its own, such as those of QoS
             return SetParametersResult(successful=True)
         try:
-            found = self.configured(values | changed, self.configuration)
+            found = self.configured(self.table.completed(values | changed), self.configuration)
             self.check_inputs(found)
             self.candidate = found
         except PneunetError as error:

@@ -5,6 +5,7 @@ Names, defaults, units, bounds and meanings are defined only in the fields.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 import dataclasses
 from dataclasses import dataclass, field
@@ -30,6 +31,7 @@ _KINDS = {
     str: 'a text',
     tuple: 'a list of texts',
 }
+VECTORS = ('gravity', 'imu_from_base')  # texts of numbers, which may also be a list of numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,6 +65,7 @@ class ParameterTable:
             name=item.name,
             description=meta['meaning'] + (f' ({unit})' if unit not in (None, '-') else ''),
             read_only=item.name in self.read_only,
+            dynamic_typing=item.name in VECTORS,
         )
         if 'bounds' in meta:
             low, high = meta['bounds']
@@ -91,7 +94,8 @@ class ParameterTable:
     def completed(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values of all parameters; RequestError names one with a wrong type."""
         values = {
-            item.name: setting_value(given.get(item.name, item.default)) for item in self.fields
+            item.name: setting_value(item.name, given.get(item.name, item.default))
+            for item in self.fields
         }
         for item in self.fields:
             if type(values[item.name]) is not type(item.default):
@@ -111,7 +115,8 @@ class ParameterTable:
     def values(self, node: Any) -> dict[str, Any]:
         """Return the values of all parameters by name."""
         return {
-            item.name: setting_value(node.get_parameter(item.name).value) for item in self.fields
+            item.name: setting_value(item.name, node.get_parameter(item.name).value)
+            for item in self.fields
         }
 
     def settings(self, given: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -125,8 +130,14 @@ class ParameterTable:
         )
 
 
-def setting_value(value: Any) -> Any:
-    """Return a parameter value in the form used by the settings: a list as a tuple."""
+def setting_value(name: str, value: Any) -> Any:
+    """Return a parameter value in the form used by the settings.
+
+    A list of numbers of `VECTORS` is a text, any other list a tuple.
+    """
+    if name in VECTORS and isinstance(value, list | array):
+        numbers = not any(isinstance(one, str) for one in value)
+        value = ', '.join(map(repr, value)) if numbers else value
     return tuple(value) if isinstance(value, list) else value
 
 

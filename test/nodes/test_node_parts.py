@@ -9,6 +9,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
@@ -20,12 +21,14 @@ from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.domain_position import locate_load
+from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
 from support.example_arms import paper_arm
 from support.random_estimates import random_estimate
 from support.random_frames import random_sightings, TARGETS
+from support.refusals import refused
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
@@ -77,6 +80,17 @@ def test_a_parameter_is_described(node, field):
     ranges = len(descriptor.floating_point_range) + len(descriptor.integer_range)
     assert ranges == ('bounds' in field.metadata)
     assert descriptor.read_only == (field.name in TABLES[node].read_only)
+
+
+@pytest.mark.parametrize('node', ['estimator', 'fusion'])
+def test_a_direction_may_be_a_list_of_numbers(node):
+    given = {'gravity': [0.0, -1.0], 'imu_from_base': [0.0, 0.0, 1.57]}
+    values = TABLES[node].completed(given)
+    assert (values['gravity'], values['imu_from_base']) == ('0.0, -1.0', '0.0, 0.0, 1.57')
+    assert gravity_of(values['gravity']) == gravity_of(given['gravity'])
+    for wrong in ({'gravity': True}, {'gravity': ['0', '-1']}, {'model_file': [0.0, -1.0]}):
+        with refused(RequestError, 'wrong_type'):
+            TABLES[node].completed(wrong)
 
 
 # Rates and levels, with a clock of the test's own

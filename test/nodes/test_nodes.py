@@ -545,9 +545,24 @@ def test_another_model_is_used_and_a_bad_one_is_not(peer, tmp_path):
 
 
 def test_a_direction_of_gravity_may_be_set_and_taken_back(peer):
-    for direction in ('0, -1', ''):  # the accelerometer was subscribed to at the start
+    # The accelerometer was subscribed to at the start.
+    for direction in ('0, -1', [0.0, -1.0], [0, -1], ''):
         answer = peer.set(gravity=direction)
         assert answer.successful, answer.reason
+    for wrong in (True, 1.0, ['0', '-1']):
+        answer = peer.set(gravity=wrong)
+        assert not answer.successful
+        assert 'parameter gravity must be a text' in answer.reason
+
+
+def test_the_turn_of_the_accelerometer_may_be_a_list(peer):
+    assert peer.set(imu_from_base=[0.0, 0.0, 1.57]).successful
+    try:
+        info = json.loads(peer.model_info())
+        assert info['sensors']['imu_from_base'] == '0.0, 0.0, 1.57'
+        assert not peer.set(imu_from_base=[0.0, 1.57]).successful
+    finally:
+        assert peer.set(imu_from_base='').successful
 
 
 def test_parameters_are_used_from_then_on(peer):
