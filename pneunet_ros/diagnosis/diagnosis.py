@@ -96,7 +96,9 @@ def investigate(
     model = without_fitted(model)  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
-    training, held_out, notes, motion = at_rest(model, training, held_out, notes)
+    training, held_out, notes, motion = at_rest(
+        model, training, held_out, notes, settings.calibration
+    )
     search = partial(
         investigate_at_rest,
         model,

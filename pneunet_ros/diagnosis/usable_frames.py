@@ -14,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
 from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
-from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
+from pneunet_ros.diagnosis.fit.base_fit import checked_runs
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import missed_load, missed_pressure, shown_instants
 from pneunet_ros.measurement.tip_pose import with_tip_target
@@ -70,21 +72,28 @@ def at_rest(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     notes: tuple[str, ...],
+    calibration: CalibrationSettings = CALIBRATION,
 ) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
     """Return recordings without frames in motion; a note on these comes first.
 
     Also returns these frames.
 
-    RecordingError if no training recording without a load is left.
+    RecordingError if the training recordings would do with them, and do not without.
     """
     kept, motion = without_motion(model, training, held_out)
     if motion is None:
         return kept[0], kept[1], notes, None
+    too_few = RecordingError(
+        f'{motion.left_out}. Too few frames are left for a diagnosis', reason='in_motion'
+    )
     no_unloaded = all(run.loaded for run in kept[0])
     if not kept[0] or (no_unloaded and not all(run.loaded for run in training)):
-        raise RecordingError(
-            f'{motion.left_out}. Too few frames are left for a diagnosis', reason='in_motion'
-        )
+        raise too_few
+    try:
+        checked_runs(model, kept[0], calibration)
+    except PneunetError as error:
+        checked_runs(model, training, calibration)
+        raise too_few from error
     return kept[0], kept[1], (motion.left_out, *notes), motion
 
 

@@ -21,7 +21,7 @@ from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.diagnosis.usable_frames import with_tips
+from pneunet_ros.diagnosis.usable_frames import at_rest, with_tips
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -93,6 +93,7 @@ def uses(
 ) -> dict[str, dict[str, Any]]:
     """Return, for each use, whether the recording is suitable, with the reason or a remark."""
     settings, overrides = request.settings, request.overrides
+    calibration = judging(settings.pressure if settings.judge_readings else None)
     images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
 
     def has(sensor: Sensor[Any]) -> bool:
@@ -152,8 +153,7 @@ def uses(
             raise RecordingError(
                 f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'
             )
-        declared = settings.pressure if settings.judge_readings else None
-        checked_at_rest([data], [], arm, settings=judging(declared))
+        checked_at_rest([data], [], arm, settings=calibration)
         return by_tip(data, found)
 
     def calibrates_loaded() -> str:
@@ -174,11 +174,7 @@ def uses(
                 'recording',
                 reason='not_loaded',
             )
-        (resting,), motion = without_motion(arm, [data])
-        if motion is not None and all(one.is_idle(arm.sensors) for one in resting):
-            raise RecordingError(
-                f'{motion.left_out}. Too few frames are left for a calibration', reason='in_motion'
-            )
+        check_rests_loaded(data, arm, 'a calibration')
         return (
             by_tip(data, found)
             if data.pressurized
@@ -189,6 +185,10 @@ def uses(
         run, found = in_base()
         arm, (data,), _, notes = with_tips(request.arm, [run], [])
         check_targets(data, arm)
+        if data.is_idle(arm.sensors):
+            at_rest(arm, [data.without_load()], [], (), calibration)
+        else:
+            check_rests_loaded(data, arm, 'a diagnosis')
         return '; '.join((*notes, *found))
 
     attempts: dict[str, Callable[[], str]] = {
@@ -200,6 +200,15 @@ def uses(
         'diagnose': diagnoses,
     }
     return {name: _answer(attempt) for name, attempt in attempts.items()}
+
+
+def check_rests_loaded(run: RecordingData, arm: Arm, use: str) -> None:
+    """Raise RecordingError if the arm never rests under its load; use: 'a diagnosis'."""
+    (resting,), motion = without_motion(arm, [run])
+    if motion is not None and all(one.is_idle(arm.sensors) for one in resting):
+        raise RecordingError(
+            f'{motion.left_out}. Too few frames are left for {use}', reason='in_motion'
+        )
 
 
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:

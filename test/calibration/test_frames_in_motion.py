@@ -159,9 +159,10 @@ def test_check_says_the_same_of_a_load_that_only_swings(tmp_path):
     path = tmp_path / 'pulled.mcap'
     write_lab(made, path, overwrite=False, on_progress=lambda: None)
     truth = true_model(dataclasses.replace(made.scenario, effects=()))
-    use = check_recording(path, UseRequest(arm=truth))['uses']['calibrate loaded']
-    assert not use['usable']
-    assert use['reason'].reason == 'in_motion'
+    uses = check_recording(path, UseRequest(arm=truth))['uses']
+    for use in (uses['calibrate loaded'], uses['diagnose']):
+        assert not use['usable']
+        assert use['reason'].reason == 'in_motion'
 
 
 def test_check_says_it_first_and_proposes_a_free_decay(tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros.cli.main import main
+from pneunet_ros.core.share import share_path
 from pneunet_ros.reports import figure as report_figure
 import pytest
 from support.small_diagnosis import without_figures
@@ -62,6 +63,23 @@ def test_a_pose_of_the_tip_calibrates_as_check_says(recording, monkeypatch):
     assert uses['diagnose']['usable']
     words = ['diagnose', '--model', 'm.yaml', '--train', 'r.mcap', '--output', 'd']
     assert main(words) == 0
+
+
+def test_an_arm_that_hardly_rests_is_not_diagnosed_and_both_say_why(tmp_path, monkeypatch, capsys):
+    pytest.importorskip('mujoco', reason="needs MuJoCo: pip install '.[mujoco]'")
+    monkeypatch.chdir(tmp_path)
+    model = ['--model', str(share_path('config/lab_arm.yaml'))]
+    assert main(['simulate', 'ringing', '--output', 'ring.mcap']) == 0
+    capsys.readouterr()
+    main(['check', 'ring.mcap', *model, '--json'])
+    uses = json.loads(capsys.readouterr().out)['recordings'][0]['uses']
+    assert not uses['diagnose']['usable']
+    assert 'show the arm in motion' in uses['diagnose']['reason']
+    words = ['diagnose', *model, '--train', 'ring.mcap', '--output', 'd', '--json']
+    assert main(words) == 2
+    assert json.loads(capsys.readouterr().out)['reason'] == 'in_motion'
+    assert main([word for word in words if word != '--json']) == 2
+    assert uses['diagnose']['reason'] in capsys.readouterr().err
 
 
 def test_an_unloaded_recording_names_the_option_that_replays_it(recording, capsys):

@@ -30,17 +30,7 @@ def fit_base(
 
     RequestError or RecordingError if the recordings are unsuitable.
     """
-    fitted = thinned(training, calibration.experiments.most_frames)
-    unloaded = [run for run in fitted if not run.loaded]
-    loaded = [run for run in fitted if run.loaded]
-    one_pressure = has_one_pressure(fitted, frame, calibration.resolution)
-    if not unloaded and not one_pressure:
-        raise RequestError(
-            'a diagnosis needs a training recording without a load, which shows the effect of '
-            'pressure alone (if its force sensor read only noise, list it after --unloaded)',
-            reason='no_unloaded',
-        )
-    check_runs(unloaded, loaded, frame, settings=calibration)
+    unloaded, loaded, one_pressure = checked_runs(frame, training, calibration)
     # A camera of another scale looks like a row of another spacing: that of the arm file is used.
     assumed = replace(frame.sensors, row_spacing_std=0.0)
     noise = estimate_noise(training, frame.target_arclength, assumed)
@@ -66,6 +56,27 @@ def fit_base(
         law = fits.law(kind, fits.stiffness(runs, fit))
         fit = fits.joint(runs, fit, law, most)
     return fit
+
+
+def checked_runs(
+    frame: Arm, training: Sequence[RecordingData], calibration: CalibrationSettings
+) -> tuple[list[RecordingData], list[RecordingData], bool]:
+    """Return few frames of unloaded and loaded runs, and whether all have one pressure.
+
+    RequestError or RecordingError if the recordings are unsuitable.
+    """
+    fitted = thinned(training, calibration.experiments.most_frames)
+    unloaded = [run for run in fitted if not run.loaded]
+    loaded = [run for run in fitted if run.loaded]
+    one_pressure = has_one_pressure(fitted, frame, calibration.resolution)
+    if not unloaded and not one_pressure:
+        raise RequestError(
+            'a diagnosis needs a training recording without a load, which shows the effect of '
+            'pressure alone (if its force sensor read only noise, list it after --unloaded)',
+            reason='no_unloaded',
+        )
+    check_runs(unloaded, loaded, frame, settings=calibration)
+    return unloaded, loaded, one_pressure
 
 
 def has_uniform_curvature(arm: Arm) -> bool:
