@@ -69,8 +69,14 @@ def innovation(
 def squared_distance(residual: Array, std: Array, errors: Array) -> Array:
     """Return r^T C^-1 r of residuals (..., n), (...); C = diag(std^2) + E^T E.
 
-    E (..., errors, n): one sigma of each error that the coordinates share.
+    E (..., errors, n): one sigma of each error that the coordinates share. With more coordinates
+    than errors by Woodbury's formula: a row of 500 targets is a frame as well.
     """
+    if len(errors.shape) == 2 and errors.shape[0] < residual.size:
+        white, shared = residual / std, errors / std
+        along = shared @ white
+        inner = np.eye(len(errors)) + shared @ shared.T
+        return np.asarray(white @ white - along @ np.linalg.solve(inner, along))
     covariance = np.swapaxes(errors, -1, -2) @ errors
     covariance += std[..., None] ** 2 * np.eye(residual.shape[-1])
     explained = np.linalg.solve(covariance, residual[..., None])[..., 0]
