@@ -360,12 +360,13 @@ class MirroredCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try the mirrored targets from the start.
+        """Try an image that is mirrored since the last frame, or was so from the start.
 
-        The frames so far were read the wrong way round, so the belief says nothing. What it is
-        worth is compared without it: this frame alone, mirrored and as it is.
+        In the latter case, the frames so far were read the wrong way round and the belief says
+        nothing. What it is worth is compared without it: this frame alone, mirrored and as it is.
         """
         before = updated.before
+        yield update_from(model, updated, replace_causes(before, MIRRORED)), 0.0
         first = first_belief(model.of(before.causes).unknowns, before.stamp_ns, before.causes)
         plain = update_from(model, updated, first)
         mirrored = update_from(model, updated, replace_causes(first, MIRRORED))
