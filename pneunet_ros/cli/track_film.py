@@ -82,11 +82,12 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
 
 
 def joined(
-    readings: FilmReadings, trackings: Sequence[Tracking], arm: Arm
+    readings: FilmReadings, trackings: Sequence[Tracking], arm: Arm, rejected: Sequence[int]
 ) -> tuple[FilmedRun | None, dict[str, Any]]:
     """Return frames and readings on one clock (None if the delay is unknown), and a summary.
 
-    Raises RequestError if a given delay leaves no frame within the table.
+    rejected: stamps of unreadable frames. Raises RequestError if a given delay leaves no frame
+    within the table.
     """
     found: ClockDelay | None = None
     delay = readings.delay
@@ -103,7 +104,7 @@ def joined(
             return None, summary_of(readings, found, None, f'{found.trouble}; give --delay S')
         delay = found.delay
         trackings = [one for index, one in enumerate(trackings) if index not in found.repeated]
-    run = join(trackings, readings.table, delay)
+    run = join(trackings, readings.table, delay, rejected)
     if readings.string is not None:
         run = with_string(run, readings.string, arm)
     if not run.covered:

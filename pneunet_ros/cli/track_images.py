@@ -82,6 +82,7 @@ def track(arguments: Namespace) -> int:
         stack.enter_context(written_together())
         tabulate = table_writer(arguments, stack)
         trackings: list[Tracking] = []
+        rejected: list[int] = []
         on_tracking = [trackings.append] if readings is not None else tabulate
         followers = [tally.count, *previews]
         bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
@@ -109,6 +110,8 @@ def track(arguments: Namespace) -> int:
             if isinstance(step.outcome, Tracking):
                 for take in on_tracking:
                     take(step.outcome)
+            elif step.outcome is not None:
+                rejected.append(step.outcome.stamp_ns)
             if step.frame:
                 times.append(time.perf_counter())
                 if tally.frames % 20 == 0:
@@ -127,7 +130,7 @@ def track(arguments: Namespace) -> int:
         sentences = (*sentences, *tally.notes)
         if readings is not None:
             bar.update(task, description='matching film and table')
-            run_, found = joined(readings, trackings, arm)
+            run_, found = joined(readings, trackings, arm, rejected)
             film.update(found)
             sentences = (*objections, *hints, *sentences, *readings.sentences)
             if run_ is not None:

@@ -34,12 +34,13 @@ from pneunet_ros.vision.tracker import Tracking
 class FilmedRun:
     """Frames and readings on one clock: tracked frames in order, and the table of readings.
 
-    wrench: name of the topic for its end loads.
+    wrench: name of the topic for its end loads; rejected: stamps of unreadable frames.
     """
 
     trackings: tuple[Tracking, ...]
     table: ReadingTable
     wrench: str = END_WRENCH.name
+    rejected: tuple[int, ...] = ()
 
     @property
     def covered(self) -> int:
@@ -104,7 +105,9 @@ def _seconds(nanoseconds: Array) -> Array:
     return np.asarray(nanoseconds / NANOSECONDS_PER_SECOND)
 
 
-def join(trackings: Iterable[Tracking], table: ReadingTable, delay: float) -> FilmedRun:
+def join(
+    trackings: Iterable[Tracking], table: ReadingTable, delay: float, rejected: Iterable[int]
+) -> FilmedRun:
     """Convert frames and readings to the clock of the table.
 
     If the film begins before a table that starts at zero, both are shifted so that no stamp is
@@ -117,6 +120,7 @@ def join(trackings: Iterable[Tracking], table: ReadingTable, delay: float) -> Fi
     return FilmedRun(
         trackings=tuple(_shifted(tracking, start + shift) for tracking in trackings),
         table=replace(table, stamp_ns=table.stamp_ns + shift),
+        rejected=tuple(stamp + start + shift for stamp in rejected),
     )
 
 
@@ -132,8 +136,8 @@ def _shifted(tracking: Tracking, by_ns: int) -> Tracking:
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     """Return a film with a string at the tip: the load in each row follows the tip.
 
-    It is known between two frames that show the tip. Raises RequestError if no frame shows it, or
-    if the eye of the string lies on the arm.
+    It is known between two successive frames that show the tip. Raises RequestError if no frame
+    shows it, or if the eye of the string lies on the arm.
     """
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])
@@ -145,10 +149,14 @@ def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
             reason='no_tip',
         )
     start = run.table.stamp_ns[0]
-    seen = np.array([frame.stamp_ns for frame in sightings]) - start
+    found = np.array([frame.stamp_ns for frame in sightings])
+    lost = np.setdiff1d(np.array(run.rejected, np.int64), found)
+    frames = np.concatenate([found, lost]) - start
+    tips = np.concatenate([tips, np.full((lost.size, 2), np.nan)])[np.argsort(frames)]
+    frames.sort()
     rows = run.table.stamp_ns - start
     tip_positions = np.column_stack(
-        [np.interp(rows, seen, part, left=np.nan, right=np.nan) for part in tips.T]
+        [np.interp(rows, frames, part, left=np.nan, right=np.nan) for part in tips.T]
     )
     load = np.column_stack([string.pull(tip_positions), np.zeros(len(tip_positions))])
     table = replace(run.table, values={**run.table.values, END_WRENCH.name: load})

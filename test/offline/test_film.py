@@ -100,6 +100,20 @@ def test_a_string_has_no_load_where_no_film_shows_the_tip(track):
     assert rows[0] < frames[0] <= pulled[0] < pulled[-1] <= frames[-1]
 
 
+@pytest.mark.parametrize('readable', [True, False])
+def test_a_string_has_no_load_while_frames_show_no_arm(track, folder, readable):
+    shown = list(pictures())
+    write_folder(folder / f'{readable}', [*shown[:7], *[np.zeros_like(shown[0])] * 3, *shown[10:]])
+    for index in () if readable else (7, 8, 9):
+        (folder / f'{readable}' / f'frame{index}.png').write_bytes(b'no picture')
+    more = ('--rate', f'{RATE:g}', '--delay', '0', '--string', '10g', '0.3', '0')
+    recording = open_recording(track(f'{readable}', *more)[2])
+    pulled = [it.log_time_ns for it in recording.messages(['/pneunet/string_wrench'])]
+    frames = (np.array(pulled) - recording.start_ns) * 1e-9 * RATE
+    assert np.count_nonzero(frames < 6.01) > 0 < np.count_nonzero(frames > 9.99)
+    assert not frames[(frames > 6.01) & (frames < 9.99)].size
+
+
 def test_json_tells_the_delay_and_the_clock_of_the_film(track):
     code, said, _ = track('film.avi', '--delay', '0.1', '--json')
     found = json.loads(said)
