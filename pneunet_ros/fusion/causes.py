@@ -19,6 +19,7 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     first_belief,
     FORCE_SENSOR,
+    LASTING,
     MIRRORED,
     MOTION,
     PRESSURE,
@@ -367,7 +368,8 @@ class MirroredCause(Cause):
         """
         before = updated.before
         yield update_from(model, updated, replace_causes(before, MIRRORED)), 0.0
-        first = first_belief(model.of(before.causes).unknowns, before.stamp_ns, before.causes)
+        lasting = before.causes & LASTING  # the others only widen a prior, which is reset
+        first = first_belief(model.of(lasting).unknowns, before.stamp_ns, lasting)
         plain = update_from(model, updated, first)
         mirrored = update_from(model, updated, replace_causes(first, MIRRORED))
         earlier = updated.log_evidence - plain.log_evidence
