@@ -125,8 +125,8 @@ class PressureRecord:
     """Statistics of the readings of a pressure sensor, in its unit.
 
     low, high: extremes of running medians of three readings, so that single glitches do not count;
-    last: the last two readings. steps: sum of squared differences; curved, log_curved: number of
-    nonzero second differences, and the sum of the logarithms of their size.
+    first: the first reading; last: the last two. steps: sum of squared differences; curved,
+    log_curved: number of nonzero second differences, and the sum of the logarithms of their size.
     """
 
     count: int = 0
@@ -134,6 +134,7 @@ class PressureRecord:
     last_ns: int = 0
     low: float = math.inf
     high: float = -math.inf
+    first: float = math.nan
     last: tuple[float, ...] = ()
     steps: float = 0.0
     curved: int = 0
@@ -153,6 +154,7 @@ class PressureRecord:
             last_ns=stamp_ns,
             low=min(self.low, median) if started else min(recent),
             high=max(self.high, median) if started else max(recent),
+            first=self.first if self.count else reading,
             last=recent[-2:],
             steps=self.steps + step * step,
             curved=self.curved + curved,
@@ -202,7 +204,8 @@ def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRec
 class ExpectedPressure:
     """Calibrated gauge pressures (Pa) of an arm.
 
-    std (Pa): noise of its sensor, 0 if unknown; share: prior probability of this arm.
+    std (Pa): noise of its sensor, 0 if unknown; share: prior probability of this arm; vented:
+    whether its recordings begin or end at rest.
     """
 
     low: float
@@ -210,6 +213,7 @@ class ExpectedPressure:
     std: float = 0.0
     name: str = 'a soft actuator'
     share: float = 1.0
+    vented: bool = False
 
     @property
     def reach(self) -> float:
@@ -224,8 +228,9 @@ def expected_of(arm: Arm) -> ExpectedPressure:
 
 
 # Without a model: 3 kPa to the 700 kPa of a shop line, and vacuum; the shares are a convention.
+# That pressure and vacuum are not a zero that was never set shows only where the arm is vented.
 ANY_ACTUATOR = tuple(
-    ExpectedPressure(low=low, high=high, share=share)
+    ExpectedPressure(low=low, high=high, share=share, vented=low < 0.0 < high)
     for low, high, share in (
         (0.0, 3e3, 0.05),
         (0.0, 1e4, 0.2),
@@ -380,12 +385,14 @@ def normal(deviation: float) -> float:
 class Features:
     """Features of a record that do not depend on the convention.
 
-    low, high, noise: as in the record; constant: probability that the readings are of a constant
-    pressure; moves: whether the arm is known to move; complete: whether no readings will follow.
+    low, high, noise: as in the record; ends: its first and last readings; constant: probability
+    that the readings are of a constant pressure; moves: whether the arm is known to move;
+    complete: whether no readings will follow.
     """
 
     low: float
     high: float
+    ends: tuple[float, float]
     noise: float
     constant: float
     moves: bool
@@ -398,6 +405,7 @@ def features_of(record: PressureRecord, moves: bool, complete: bool) -> Features
     return Features(
         low=record.low,
         high=record.high,
+        ends=(record.first, record.last[-1]),
         noise=record.noise,
         constant=normal(drift),
         moves=moves,
@@ -469,6 +477,8 @@ def log_likelihood(
     log_uniform = 1.0 / (JUDGE.decades * math.log(10.0))
     rest = max(low, -high, 0.0)
     held = (1.0 - JUDGE.vented) * min(rest / expected.reach, 1.0)
+    if expected.vented:
+        rest, held = min(abs(meaning.gauge(end)) for end in features.ends), 0.0
     at_zero = normal(rest / JUDGE.offset)
     absolute = meaning.reference == ABSOLUTE
     air = air_density(meaning.ambient) if absolute else 0.0
