@@ -59,7 +59,9 @@ def test_what_a_table_cannot_hold_is_named(tmp_path, capsys):
     unsure = pressure(START, 1e3)
     unsure.variance = 1e4
     tip = tip_pose_message(START, np.full(3, 0.05), 'world', ROSBAGS_TYPES)
-    messages = [('pressure', START, unsure), ('end_wrench', START, sideways)]
+    first = [('pressure', START - MS, pressure(START - MS, 1e3))]  # as a driver may begin
+    first += [('end_wrench', START - MS, wrench(START - MS, (0.0, 0.0)))]
+    messages = [*first, ('pressure', START, unsure), ('end_wrench', START, sideways)]
     path = record(tmp_path / 'r.mcap', [*messages, ('tip_pose', START, tip)])
     words = ['export', str(path), '--output', str(tmp_path / 't.csv'), '--json']
     assert main(words) == 0

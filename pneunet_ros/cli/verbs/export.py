@@ -109,7 +109,7 @@ def run(arguments: Namespace) -> int:
 def left_out(
     recording: Recording, topics: dict[str, str], settings: EstimatorSettings
 ) -> Iterator[Note]:
-    """Name what first messages contain and a table does not; remove poses of another frame."""
+    """Name what messages contain and a table does not; remove poses of another frame."""
     frame = tip_frame(recording, topics.get(TIP_POSE.name), settings)
     if frame != BASE_FRAME:
         yield Note(
@@ -119,16 +119,19 @@ def left_out(
         )
     for sensor, names in NOT_IN_TABLES.items():
         topic = topics.get(sensor.name)
+        unseen = list(names)
         for message in () if topic is None else recording.messages([topic]):
             with suppress(MessageError):
                 reading = sensor.decode(message.message)
-                found = [name for name in names if np.any(np.nan_to_num(getattr(reading, name)))]
-                if found:
-                    yield Note(
-                        f'{topic}: {", ".join(found)} left out: tables have no column for it',
-                        reason='not_supported',
-                    )
-            break
+                unseen = [it for it in unseen if not np.any(np.nan_to_num(getattr(reading, it)))]
+            if not unseen:
+                break
+        found = [name for name in names if name not in unseen]
+        if found:
+            yield Note(
+                f'{topic}: {", ".join(found)} left out: tables have no column for it',
+                reason='not_supported',
+            )
 
 
 def tip_columns(tips: Tips, stamp_ns: Stamps, units: UnitSystem) -> dict[str, Array]:
