@@ -75,6 +75,16 @@ def test_what_a_table_cannot_hold_is_named(tmp_path, capsys):
     assert 'world' not in ' '.join(answer['sentences'])
 
 
+def test_poses_of_another_frame_alone_are_no_empty_table(tmp_path, capsys):
+    tip = tip_pose_message(START, np.full(3, 0.05), 'world', ROSBAGS_TYPES)
+    path, table = record(tmp_path / 'r.mcap', [('tip_pose', START, tip)]), tmp_path / 't.csv'
+    words = ['export', str(path), '--output', str(table), '--json']
+    code = main(words)
+    assert refusal((code, *capsys.readouterr())) == 'wrong_frame'
+    assert not table.exists()
+    assert main([*words, '--frame-id', 'world']) == 0
+
+
 def test_the_table_has_a_row_per_stamp_and_empty_cells(tmp_path, recording):
     table = tmp_path / 't.csv'
     assert main(['export', str(recording), '--output', str(table)]) == 0

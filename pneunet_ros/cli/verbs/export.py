@@ -77,6 +77,8 @@ def run(arguments: Namespace) -> int:
     with verb.reading_bar(shown=not arguments.json):
         settings = mounted(recording, topics, verb.settings_of(arguments))
         sentences += left_out(recording, topics, settings)
+        if not topics and tip_topic is None:
+            raise RecordingError(f'nothing to export: {sentences[-1]}', reason='wrong_frame')
         series = read_series(recording, topics, settings)
         for item in series.values():
             sentences += item.sentences()
