@@ -119,8 +119,8 @@ def read_measured(
     centerlines = tips = None
     sentences = [*recording.sentences]
     frames = {name: first_frame(recording, topic) for name, topic in topics.items()}
-    frame = next(iter(frames.values()), BASE_FRAME)  # that of the targets, if there are any
-    if frames.get(TIP_POSE.name, frame) != frame:
+    frame = next(iter(frames.values()), '') or BASE_FRAME  # that of the targets, if there are any
+    if frames.get(TIP_POSE.name, '') not in ('', frame):
         sentences.append(
             Note(
                 f'{topics.pop(TIP_POSE.name)} was left out: it is in the frame '
@@ -166,11 +166,11 @@ def read_measured(
 
 
 def first_frame(recording: Recording, topic: str) -> str:
-    """Return the frame of the first message of a topic; the base frame if it names none."""
+    """Return the frame of the first message of a topic; empty if it names none."""
     for message in recording.messages([topic]):
         with suppress(*UNFIT, MessageError):
-            return str(message.message.header.frame_id) or BASE_FRAME
-    return BASE_FRAME
+            return str(message.message.header.frame_id)
+    return ''
 
 
 def read_pressures(recording: Recording) -> Pressures | None:

@@ -30,6 +30,8 @@ from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import TARGETS, targets_message, TIP_POSE, tip_pose_message
 from pneunet_ros.offline.compare import comparison_content
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recorded_shapes import read_measured
+from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.reports.compare_plot import draw_shapes, labels_of
 import pytest
@@ -310,6 +312,16 @@ def test_a_pose_of_the_tip_in_another_frame_is_not_compared(
         for frame, stamp in enumerate(stamps):
             writer.write(topic, stamp, pose(frame, stamp))
     assert refusal(run('compare', tmp_path / 'b.mcap', truth, '--json')) == 'wrong_frame'
+
+
+def test_a_pose_of_the_tip_without_a_frame_is_in_that_of_the_targets(tmp_path, stamps):
+    def pose(frame, stamp):
+        return tip_pose_message(stamp, np.zeros(3), '', ROSBAGS_TYPES)
+
+    poses = [('/mocap/tip_pose', TIP_POSE.type, pose)]
+    file = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT), stamps, poses, frame_id='camera')
+    found = read_measured(open_recording(file), {}, TARGETS_AT)
+    assert (found.frame, found.tips.topic) == ('camera', '/mocap/tip_pose')
 
 
 def test_recordings_without_a_common_stamp_are_a_negative_answer(tmp_path, stamps, truth, run):
