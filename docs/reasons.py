@@ -96,7 +96,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'not_csv': 'a file is not a table of separated cells',
     'nothing_in_common': 'two sources have no frame or quantity in common',
     'nothing_usable': 'a topic or table contains nothing usable',
-    'other_run': 'two sources are of different runs',
+    'other_run': 'two sources differ in their pressures at the same stamps',
     'other_source': 'an option is for another kind of source',
     'placeholder': 'a number seems to stand for "no reading"',
     'raw_signal': 'a column holds volts or counts, and no pressure',
