@@ -87,16 +87,17 @@ def unread_parts(path: Path, messages: int) -> Iterator[Note]:
     """
     if not path.is_dir():
         return
-    parts = _numbered(path)
     if not (path / METADATA).exists():
-        numbers = [number for number, _ in parts]
+        numbers = sorted({number for number, _ in _numbered(path)})
         if numbers != list(range(len(numbers))):
             found = listed(list(map(str, numbers)), NAMES_SHOWN)
             yield Note(f'{path} has only the parts {found}: others are missing', reason='lost')
         return
     names, _, _, announced = FILE.load(path / METADATA, _describe_folder)
-    known = {_number(path, name) for name in names}
-    others = [file.name for number, file in parts if number not in known]
+    part = re.match(r'(.+)_\d{1,9}\.', names[0]) if names else None
+    stem = part[1] if part else resolved(path, RecordingError).name  # it may have been renamed
+    known = {_number(stem, name) for name in names}
+    others = [file.name for number, file in _numbered(path, stem) if number not in known]
     if others:
         yield Note(
             f'{listed(others, NAMES_SHOWN)} was not read: {path / METADATA} does not list it; '
@@ -122,15 +123,16 @@ def _files_in(path: Path) -> list[Path]:
     return sorted(file for file in path.iterdir() if file.is_file() and is_recording(file))
 
 
-def _number(path: Path, name: str) -> int | None:
-    """Return the number of a part of a folder that is named by rosbag2 FOLDER_0, FOLDER_1."""
-    match = re.match(rf'{re.escape(resolved(path, RecordingError).name)}_(\d{{1,9}})\.', name)
+def _number(stem: str, name: str) -> int | None:
+    """Return the number of a part of a recording that rosbag2 names STEM_0, STEM_1."""
+    match = re.match(rf'{re.escape(stem)}_(\d{{1,9}})\.', name)
     return None if match is None else int(match[1])
 
 
-def _numbered(path: Path) -> list[tuple[int, Path]]:
-    """Return the parts of a folder with their numbers, in order."""
-    numbers = ((_number(path, file.name), file) for file in _files_in(path))
+def _numbered(path: Path, stem: str = '') -> list[tuple[int, Path]]:
+    """Return the parts of a folder with their numbers, in order; stem: if not its name."""
+    stem = stem or resolved(path, RecordingError).name
+    numbers = ((_number(stem, file.name), file) for file in _files_in(path))
     return sorted((number, file) for number, file in numbers if number is not None)
 
 

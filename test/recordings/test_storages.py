@@ -18,7 +18,7 @@ from pneunet_ros.recordings.recording import open_recording
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from support.made_recordings import PRESSURE, pressure, STEP_NS
-from support.refusals import refused
+from support.refusals import reasons, refused
 import zstandard
 
 TYPE = 'sensor_msgs/msg/FluidPressure'
@@ -145,6 +145,10 @@ def test_missing_parts_are_said(tmp_path):
         (tmp_path / 'one' / METADATA).rename(tmp_path / METADATA)
         (tmp_path / 'one').rmdir()
     assert open_recording(folder).sentences == ()
+    packed = folder / 'day_1.mcap.zstd'  # as `zstd` leaves it beside the file
+    packed.write_bytes(zstandard.compress((folder / 'day_1.mcap').read_bytes()))
+    assert 'lost' not in reasons(open_recording(folder).sentences)
+    packed.unlink()
     (folder / 'day_1.mcap').unlink()
     (note,) = open_recording(folder).sentences
     assert (note.reason, 'the parts 0, 2: ' in note) == ('lost', True)
@@ -152,6 +156,10 @@ def test_missing_parts_are_said(tmp_path):
     (folder / METADATA).write_text(listed)
     (note,) = open_recording(folder).sentences
     assert (note.reason, note.startswith('day_2.mcap was not read')) == ('not_supported', True)
+    renamed = folder.rename(tmp_path / 'monday')
+    (note,) = open_recording(renamed).sentences
+    assert note.startswith('day_2.mcap was not read')
+    renamed.rename(folder)
     (folder / 'day_2.mcap').unlink()
     assert open_recording(folder).sentences == ()
     (folder / METADATA).write_text(
