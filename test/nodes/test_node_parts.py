@@ -9,6 +9,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import WrenchReading
@@ -22,6 +23,7 @@ from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.model.gravity import gravity_of
+from pneunet_ros.vision.rest_plane import RestSearch
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
@@ -220,6 +222,14 @@ def test_the_tracker_is_an_error_while_nothing_is_explained():
     assert health.report(state, 102.0).level == Level.ERROR
     frames(health, 3, 102.1, reason='resting')
     assert health.report(state, 103.0).level == Level.WARN
+
+
+def test_the_bow_of_an_arm_that_is_curved_at_rest_is_no_error():
+    row = np.stack([np.linspace(0.0, 1.0, TARGETS), np.linspace(-1.0, 1.0, TARGETS) ** 2], axis=1)
+    state = TrackerState(rest=RestSearch().with_frame(row, 0.1))
+    for straight in (True, False):
+        values = TrackerHealth('/image', 100.0, straight).report(state, 101.0).values
+        assert bool(values['rest_bow']) is straight
 
 
 @pytest.mark.parametrize(('error', 'level'), [(False, Level.WARN), (True, Level.ERROR)])

@@ -18,11 +18,12 @@ class TrackerHealth(InputHealth):
     """Collects the outcomes of images.
 
     The level of a report is the worst since the last one: ERROR while no frame is tracked, WARN if
-    some are not, or if targets are missing.
+    some are not, or if targets are missing. straight: whether a bow at rest is an error.
     """
 
-    def __init__(self, image_topic: str, now: float) -> None:
+    def __init__(self, image_topic: str, now: float, straight: bool = True) -> None:
         super().__init__(f'image on {image_topic}', now)
+        self._straight = straight
         self._image_topic = image_topic
         self._last: Tracking | None = None
         self.begin_next(now)
@@ -91,7 +92,7 @@ class TrackerHealth(InputHealth):
             'missing': None if missing is None else len(missing),
             'missing_ids': None if missing is None else ', '.join(str(item) for item in missing),
             'rest_frames': state.rest.frames,
-            'rest_bow': state.rest.bow if state.rest.places else None,
+            'rest_bow': state.rest.bow if self._straight and state.rest.places else None,
             'scale_mm_per_px': _scale(state),
             'polarity': None if state.polarity is None else state.polarity.evidence,
             'reason': None if last is None else last.reason,

@@ -30,6 +30,7 @@ from pneunet_ros.nodes.tracker.configuration import (
 )
 from pneunet_ros.nodes.tracker.health import IMAGE_TIMEOUT, TrackerHealth
 from pneunet_ros.nodes.tracker.warm_up import warm_up
+from pneunet_ros.vision.camera.camera_settings import RestPlane
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
@@ -68,7 +69,8 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         self.annotated = publisher(self, IMAGE_TYPE, 'image_annotated', output_qos())
         self.open_services()
         self.camera = camera_of(self)
-        self.health = TrackerHealth(self.camera.topic, time.monotonic())
+        straight = isinstance(self.configuration.tracker.settings.plane, RestPlane)
+        self.health = TrackerHealth(self.camera.topic, time.monotonic(), straight)
         self.log_ready()
 
     def take_step(
