@@ -293,6 +293,11 @@ def test_predict_without_a_force_is_the_unloaded_arm(run_json):
     np.testing.assert_allclose(answer['curvature'], answer['intrinsic_curvature'], atol=1e-9)
     of_pressure = ARM.sensors.pressure_std * np.abs(answer['jacobian'])[:, 0]
     assert list(answer['tip_std'].values()) == pytest.approx(of_pressure, rel=1e-4)
+    measured = [
+        run_json('predict', '--pressure', '31e3', *words)[1]['tip_std']
+        for words in (('--force', '0', '0'), ('--moment', '0'))
+    ]
+    assert measured[0] == measured[1] != answer['tip_std']
 
 
 @pytest.mark.parametrize(

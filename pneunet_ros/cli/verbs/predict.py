@@ -77,7 +77,8 @@ def options(parser: ArgumentParser) -> None:
         nargs=2,
         metavar=('F1', 'F2'),
         help='force on the free end in the base frame: N, or with a unit, e.g. 150mN, or 20g for '
-        'a weight (default: 0 0)',
+        'a weight; a force or moment that is given, even 0, is one that a sensor reads, with '
+        'its errors (default: 0 0)',
     )
     parser.add_argument(
         '--string',
@@ -89,7 +90,6 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--moment',
         type=quantity_type('moment'),
-        default=0.0,
         metavar='M',
         help='moment on the free end: N m, or with a unit, e.g. 0.2mNm (default: 0)',
     )
@@ -151,7 +151,7 @@ def run(arguments: Namespace) -> int:
 
 def solved(arm: Arm, arguments: Namespace) -> Shape:
     """Return the shape under the load, or with the tip held in place."""
-    moment = arguments.moment
+    moment = arguments.moment or 0.0
     if arguments.pressure_for is not None:
         arguments.pressure, shape = solved_for_pressure(arm, arguments)
         return shape
@@ -174,7 +174,7 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
         if error.reason not in ('no_equilibrium', 'not_reached'):
             raise
         x, y = (math.nan, math.nan) if arguments.tip else arguments.force or (0.0, 0.0)
-        load = Load(pressure=math.nan, force_x=x, force_y=y, moment=arguments.moment)
+        load = Load(pressure=math.nan, force_x=x, force_y=y, moment=arguments.moment or 0.0)
         stations = station_arclength(arm.reach, DEFAULT_STATIONS)
         return math.nan, failed_shape(arm, load, stations, str(error), math.nan, 0)
 
@@ -182,7 +182,7 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
 def searched(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
     """Return the pressure and the shape that were found; RequestError if there are none."""
     what, *numbers = arguments.pressure_for
-    moment = arguments.moment
+    moment = arguments.moment or 0.0
     force = tuple(arguments.force or (0.0, 0.0))
     if what == 'tip' and len(numbers) == 2 and not arguments.tip:
         x, y = (quantity_of('--pressure-for tip', text, 'length') for text in numbers)
@@ -214,7 +214,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
     if position.reason:
         failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
         return Prediction(shape=replace(failed, extrapolated=True))
-    loaded = bool(arguments.tip or arguments.string or arguments.force or arguments.moment)
+    loaded = any((arguments.tip, arguments.string, arguments.force, arguments.moment is not None))
     estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=loaded))
     estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
     if arguments.string and estimate is not None:
