@@ -21,7 +21,6 @@ from pneunet_ros.estimation.shape_error import Tips
 from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS, TIP_POSE
 from pneunet_ros.offline.table_conversion import tabulate
-from pneunet_ros.recordings.dataset_reader import tip_frame
 from pneunet_ros.recordings.recorded_gravity import mounted
 from pneunet_ros.recordings.recorded_series import find_recorded, read_series
 from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
@@ -112,6 +111,8 @@ def left_out(
     recording: Recording, topics: dict[str, str], settings: EstimatorSettings
 ) -> Iterator[Note]:
     """Name what messages contain and a table does not; remove poses of another frame."""
+    from pneunet_ros.recordings.dataset_reader import tip_frame
+
     frame = tip_frame(recording, topics.get(TIP_POSE.name), settings)
     if frame != BASE_FRAME:
         yield Note(
