@@ -369,8 +369,9 @@ class MirroredCause(Cause):
         before = updated.before
         yield update_from(model, updated, replace_causes(before, MIRRORED)), 0.0
         lasting = before.causes & LASTING  # the others only widen a prior, which is reset
-        first = first_belief(model.of(lasting).unknowns, before.stamp_ns, lasting)
-        plain = update_from(model, updated, first)
+        unknowns = model.of(lasting).unknowns
+        first = first_belief(unknowns, before.stamp_ns, lasting)
+        plain = update_from(model, updated, reset_to_prior(unknowns, updated.after))
         mirrored = update_from(model, updated, replace_causes(first, MIRRORED))
         earlier = updated.log_evidence - plain.log_evidence
         if math.isfinite(earlier):
