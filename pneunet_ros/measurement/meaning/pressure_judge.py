@@ -134,7 +134,7 @@ class PressureRecord:
     last_ns: int = 0
     low: float = math.inf
     high: float = -math.inf
-    first: float = math.nan
+    first: float = 0.0
     last: tuple[float, ...] = ()
     steps: float = 0.0
     curved: int = 0
