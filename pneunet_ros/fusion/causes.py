@@ -19,7 +19,6 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     first_belief,
     FORCE_SENSOR,
-    LASTING,
     MIRRORED,
     MOTION,
     PRESSURE,
@@ -361,21 +360,8 @@ class MirroredCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try an image that is mirrored since the last frame, or was so from the start.
-
-        In the latter case, the frames so far were read the wrong way round and the belief says
-        nothing. What it is worth is compared without it: this frame alone, mirrored and as it is.
-        """
-        before = updated.before
-        yield update_from(model, updated, replace_causes(before, MIRRORED)), 0.0
-        lasting = before.causes & LASTING  # the others only widen a prior, which is reset
-        unknowns = model.of(lasting).unknowns
-        first = first_belief(unknowns, before.stamp_ns, lasting)
-        plain = update_from(model, updated, reset_to_prior(unknowns, updated.after))
-        mirrored = update_from(model, updated, replace_causes(first, MIRRORED))
-        earlier = updated.log_evidence - plain.log_evidence
-        if math.isfinite(earlier):
-            yield mirrored, earlier
+        """Try the mirrored targets."""
+        yield update_from(model, updated, replace_causes(updated.before, MIRRORED)), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
