@@ -13,7 +13,11 @@ from pneunet_ros.calibration.checks.consistency import (
     outlier_recordings,
     tip_distance,
 )
-from pneunet_ros.calibration.checks.preconditions import check_different_loads, check_runs
+from pneunet_ros.calibration.checks.preconditions import (
+    check_different_loads,
+    check_meaning,
+    check_runs,
+)
 from pneunet_ros.calibration.motion.swinging_run import has_constant_inputs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, judging
@@ -137,6 +141,19 @@ def test_what_pressures_most_likely_mean_is_said_against_what_was_declared():
         check_runs([low], [], PAPER, settings=judging(declared))
     check_runs([FREE[0]], [], PAPER, settings=judging(declared))
     check_runs([low], [], PAPER, settings=judging(None))
+
+
+def test_zero_between_two_recordings_is_zero_whichever_comes_first():
+    """Vacuum and pressure in a recording each: not a gauge whose zero was never set."""
+    share = np.linspace(0.0, 1.0, FREE[0].pressure.size)
+    noise = 60.0 * np.random.default_rng(1).standard_normal(share.size)
+    vacuum = bent(FREE[0], pressure=40e3 * (share - 1.0) + noise)
+    pressed = bent(FREE[0], pressure=40e3 * share + noise)
+    for runs in ([vacuum, pressed], [pressed, vacuum]):
+        check_meaning(runs, PressureConvention(), PAPER, moves=True)
+    never = [bent(FREE[0], pressure=one.pressure - 20e3) for one in (pressed, pressed)]
+    with refused(RecordingError, 'other_pressure'):
+        check_meaning(never, PressureConvention(), PAPER, moves=True)
 
 
 def test_loads_that_differ_by_their_moment_are_different():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.consistency import check_same_arm
@@ -12,7 +13,6 @@ from pneunet_ros.calibration.settings import (
     PRECONDITIONS,
     ResolutionSettings,
 )
-from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -172,7 +172,7 @@ def check_pressures(
     largest_motion = max(motion([run], arm.reach) for run in unloaded)
     if declared is not None:
         bends = largest_motion > BENDING_MOTION * arm.length
-        check_meaning(pressures, declared, names, arm, moves=bends)
+        check_meaning(unloaded, declared, arm, moves=bends)
     for run in unloaded:
         moves = motion([run], arm.reach)
         is_constant = np.ptp(run.frame_pressure) < tolerance
@@ -201,18 +201,22 @@ def check_pressures(
 
 
 def check_meaning(
-    pressures: Array, declared: PressureConvention, names: str, arm: Arm, *, moves: bool
+    runs: Sequence[RecordingData], declared: PressureConvention, arm: Arm, *, moves: bool
 ) -> None:
-    """Raise RecordingError if pressures (frames,) Pa almost surely have another unit.
+    """Raise RecordingError if the pressures of recordings almost surely have another unit.
 
     At the start of a calibration, the range of `arm` is a guess, so the readings may be from any
     soft actuator. declared: their declared meaning; moves: whether the arm bends.
     """
-    record = record_of(range(pressures.size), map(declared.reading, pressures.tolist()))
+    every = [[declared.reading(one) for one in run.frame_pressure.tolist()] for run in runs]
+    readings = [one for of_run in every for one in of_run]
+    ends = [of_run[end] for of_run in every for end in (0, -1)]
+    # Of all recordings one may begin or end without pressure, whichever is listed first.
+    record = replace(record_of(range(len(readings)), readings), first=min(ends, key=abs))
     verdict = judge_pressure(record, declared, [*ANY_ACTUATOR, expected_of(arm)], moves=moves)
     if verdict is not None and verdict.contradicted:
         raise RecordingError(
-            f'{names}: the pressure is {verdict.finding}: add {verdict.options} (or '
+            f'{names_of(runs)}: the pressure is {verdict.finding}: add {verdict.options} (or '
             '--no-judge-readings if the readings are right)',
             reason='other_pressure',
         )

@@ -97,9 +97,10 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
         return Failure(
             reason='no_row',
             seen=found.seen,
-            sentence=f'only {found.seen} of {targets} targets form a row from the clamp, among '
-            f'{len(blobs)} areas{others}; {least} are needed: is the arm covered, has the '
-            'camera moved, or has the row more dots than target_arclength?',
+            sentence=f'{found.seen} of {targets} targets form a row from the clamp, among '
+            f'{len(blobs)} areas{others}; {least} are needed, and no dot like them beyond an end: '
+            'is the arm covered, has the camera moved, or has the row more dots than '
+            'target_arclength?',
         )
     return found
 
