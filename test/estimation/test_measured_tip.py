@@ -30,7 +30,9 @@ STD = 1e-4  # m
 
 def predicted(arm, tip=TIP, std=STD, pressure=PRESSURE):
     shape = solve_tip(arm, pressure, tip)
-    return predict(arm, shape, Namespace(tip=tip, tip_std=std, pressure=pressure, string=None))
+    given = {'tip': tip, 'tip_std': std, 'pressure': pressure}
+    unused = dict.fromkeys(('string', 'force', 'moment'))
+    return predict(arm, shape, Namespace(**given, **unused))
 
 
 def force(arm=ARM, tip=TIP, pressure=PRESSURE):

@@ -95,7 +95,7 @@ def test_columns_of_the_law_and_causes_are_where_the_blocks_say():
     seen = WrenchSeen(force=np.array([0.2, -0.1]), by_column=np.zeros((UNKNOWNS.law_columns, 2)))
     response = UNKNOWNS.wrench_response(seen)
     assert response[0, np.flatnonzero(response[0])] == pytest.approx([1.0, 1.0, 0.2])
-    assert UNKNOWNS.camera[2, UNKNOWNS.at(Camera, Camera.TURN)] == 1.0
+    assert UNKNOWNS.camera[2, UNKNOWNS.at(Camera).stop - 1] == 1.0  # its turn
 
 
 def test_places_that_the_calibration_found_go_with_its_columns():
