@@ -182,13 +182,9 @@ class Estimator:
         moving = motion = None
         if self.moving is not None and self.places is not None:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
+            passed, course = self.passed_loads(state, reading.stamp_ns, sensed, chamber, history)
             moving, motion, shape, errors = self.moving.step(
-                self.passed_loads(state, reading.stamp_ns, sensed, chamber, history),
-                reading.stamp_ns,
-                shape,
-                errors,
-                by_reading,
-                self.places,
+                passed, reading.stamp_ns, shape, errors, by_reading, self.places, course
             )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,
@@ -212,19 +208,20 @@ class Estimator:
         sensed: Load,
         chamber: float,
         history: tuple[History, ...],
-    ) -> MovingState | None:
+    ) -> tuple[MovingState | None, Array | None]:
         """Return the motion after the end wrenches read since the last estimate.
 
-        sensed: the readings at the stamp, with chamber pressure (Pa) and history. A gap of more
+        sensed: the readings at the stamp, with chamber pressure (Pa) and history. Also returns the
+        covariance of `MovingArm.pass_loads`; None if there are no such wrenches. A gap of more
         than input_timeout, or with a load without equilibrium, is passed in one step.
         """
         moving, solution = state.moving, state.solution
         if self.moving is None or moving is None or not state.passed:
-            return moving
+            return moving, None
         between = [one for one in state.passed[1:] if moving.stamp_ns < one.stamp_ns < stamp_ns]
         gap = seconds_between(moving.stamp_ns, stamp_ns)
         if not between or gap > self.settings.input_timeout:
-            return moving
+            return moving, None
         loaded = []
         for wrench in (state.passed[0], *between):
             load = self.arm.sense(with_wrench(sensed, wrench))
@@ -232,7 +229,7 @@ class Estimator:
             shape = solve_rod(self.arm, rods, load, solution, self.arclength, quick=True)
             solution = shape.solution
             if solution is None:
-                return moving
+                return moving, None
             loaded.append((wrench.stamp_ns, links_at(solution)))
         return self.moving.pass_loads(moving, stamp_ns, loaded)
 

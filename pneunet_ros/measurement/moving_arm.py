@@ -203,15 +203,18 @@ class MovingArm:
 
     def pass_loads(
         self, state: MovingState, stamp_ns: int, loaded: Sequence[tuple[int, Links]]
-    ) -> MovingState:
+    ) -> tuple[MovingState, Array]:
         """Advance through the loads read between a state and a stamp.
 
         loaded: stamps (ns) of loads and the equilibria under them at the stamp, of which the first
-        load acts at the state. All but the load changes linearly from the state to the stamp.
+        load acts at the state. All but the load changes linearly from the state to the stamp; also
+        returns the covariance of q and p at the stamp, due to the unknown instant of that change.
         """
         assert self.arm.inertia is not None
         damping_time, duration_ns = self.arm.inertia.damping_time, stamp_ns - state.stamp_ns
         start, first = state.links, loaded[0][1]
+        resting = replace(state, swing=at_rest(SHAPES))
+        whole = go_between(resting, stamp_ns, first, self.masses, damping_time, self.modes)
         for passed_ns, there in loaded[1:]:
             share = (stamp_ns - passed_ns) / duration_ns
             links = Links(
@@ -222,7 +225,7 @@ class MovingArm:
                 offset=there.offset,
             )
             state = go_between(state, passed_ns, links, self.masses, damping_time, self.modes)
-        return state
+        return state, whole.swing.covariance
 
     def step(
         self,
@@ -232,12 +235,13 @@ class MovingArm:
         errors: PropagatedErrors,
         by_reading: Array,
         places: Places,
+        course: Array | None = None,
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
         shape: the equilibrium at these places; errors of the equilibrium; by_reading (readings,
-        3): change of x, y (m), theta of its tip by one sigma of each reading. Returns shape and
-        errors of the moving arm.
+        3): change of x, y (m), theta of its tip by one sigma of each reading. course: covariance
+        of `pass_loads`, if loads were passed. Returns shape and errors of the moving arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None
@@ -246,6 +250,8 @@ class MovingArm:
         following, moving = follow_reading(
             state, stamp_ns, solved, self.masses, damping_time, self.modes
         )
+        if course is not None:
+            following.swing.covariance[:] += course
         swing, swinging = following.swing, moving.stopped / self.modes.frequency[0]
         along, bent = moving.at_nodes @ places.nodes, moving.at_joints @ places.joints
         std, covariance = errors.std.copy(), errors.tip_covariance.copy()

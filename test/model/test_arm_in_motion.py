@@ -202,6 +202,25 @@ def test_a_step_of_pressure_lets_the_arm_swing_and_settle():
     assert at_tip[:2, -1] == pytest.approx(tips[60, :2] - rested[:2], rel=0.2)
 
 
+def test_wrenches_that_show_nothing_do_not_tell_when_the_pressure_changed():
+    estimator, sigmas = Estimator(arm=moving(), settings=EstimatorSettings()), []
+    for every in (200, 100, 20):  # ms, from wrench to wrench; the pressure is read every 200
+        state, outcome = EstimatorState(), None
+        for time in range(0, 1001, every):
+            reading = {'stamp_ns': 10**9 + time * 10**6, 'frame_id': 'pneunet_base'}
+            pull = WrenchReading(force_x=0.0, force_y=0.0, moment=0.0, **reading)
+            state, _ = estimator.step(state, pull)
+            if time % 200 == 0:
+                pressure = 22e3 if time == 1000 else 20e3
+                event = PressureReading(stamp_ns=reading['stamp_ns'], pressure=pressure)
+                state, outcome = estimator.step(state, event)
+        assert isinstance(outcome, ShapeEstimate)
+        sigmas.append(np.sqrt(np.diag(outcome.motion.swing.covariance)))
+    assert (sigmas[0] > 0.0).all()
+    assert sigmas[1] == pytest.approx(sigmas[0], rel=0.15)
+    assert sigmas[2] == pytest.approx(sigmas[0], rel=0.05)
+
+
 def test_errors_of_the_tip_mass_widen_the_covariance_of_a_swing():
     arm = moving(tip_mass=0.004)
     unsure = ModelCovariance(quantities=('motion.tip_mass',), factor=[[5e-4]])
