@@ -14,6 +14,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.fusion import weighing
 from pneunet_ros.fusion.belief import CONTACT, FORCE_SENSOR, PRESSURE, reset_to_prior
 from pneunet_ros.fusion.belief_estimate import other_shape
 from pneunet_ros.fusion.estimate import FusedEstimate
@@ -102,6 +103,24 @@ def test_a_frame_alone_needs_gravity_as_a_pressure_does(fusion):
     _, outcomes = run(of, upward, pressure(1000), *known[2:])
     found = [one.estimate for one in outcomes if isinstance(one, FusedEstimate)]
     assert found and all(one.gravity == (-1.0, 0.0) for one in found)
+
+
+def test_frames_that_fit_nothing_are_searched_for_causes_less_and_less(fusion, monkeypatch):
+    """While none has fitted ever: the 1st, 2nd, 4th, 8th in a row, or each takes half a second."""
+    tested = []
+    looked = weighing.should_test_causes
+    monkeypatch.setattr(
+        weighing, 'should_test_causes', lambda *given: tested.append(1) or looked(*given)
+    )
+    state = FusionState()
+    for stamp_ms in range(1000, 2200, 100):
+        seen = frame(fusion, stamp_ms)
+        wrong = replace(seen, x=1.02 * seen.x, y=1.02 * seen.y)
+        for event in (wrong, pressure(stamp_ms)):
+            state, _ = fusion.step(state, event)
+            state = fusion.settle(state)
+    assert (state.counts.frames, state.counts.lost) == (0, 12)
+    assert len(tested) == 4
 
 
 def test_without_gravity_the_history_of_the_arm_goes_on(fusion):
