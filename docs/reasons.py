@@ -134,7 +134,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'stale_wrench': 'the end wrench is too old',
     'starts_anew': 'time jumped back',
     'strange_readings': 'readings seem to be of another unit or sign',
-    'too_uncertain': 'the tip uncertainty exceeds the length of the arm',
+    'too_uncertain': 'the tip is not known well enough for an estimate',
     'wrong_field': 'a field of a point cloud is missing or of another type',
     'wrong_frame': 'a message is in another frame',
     'wrong_targets': 'the number or ids of the targets do not match the arm',

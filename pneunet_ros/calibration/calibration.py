@@ -109,7 +109,7 @@ def calibrate(
             include the changes.
         earlier: posterior of another calibration to continue from, with its tables.
         on_progress: called with the stage, its progress, and its total (0: unknown).
-        settings: what a calibration may be told; see `CalibrationSettings`.
+        settings: those that can change; see `CalibrationSettings`.
 
     Returns:
         The arm with error bars, and its fits; use it only if `joint.converged`.

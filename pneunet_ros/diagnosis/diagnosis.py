@@ -59,7 +59,7 @@ def diagnose(
         seed: of the simulated clean data behind the thresholds.
         executor: runs the simulations; None: this process.
         on_progress: called with the task, its progress, and its total (0 = unknown).
-        settings: what a diagnosis may be told; see `DiagnosisSettings`.
+        settings: those that can change; see `DiagnosisSettings`.
 
     Returns:
         The answer, with the model before and after, all numbers in SI; without numbers if the fit

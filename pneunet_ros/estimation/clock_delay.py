@@ -3,8 +3,9 @@
 A frame stamped t shows the arm of t - delay. At the right delay, target positions are a smooth
 function of pressure and load; at a wrong one, the same pressure appears with many shapes. Other
 behavior of a soft arm (dead bands, slow relaxations) is fitted as well, so that it is not mistaken
-for a delay. A lag below the shortest relaxation, as of an air line, is: of 20 ms and 100 ms the
-delay has 60 to 90 %, of 500 ms 20 to 40 %, and its standard error has nothing.
+for a delay. A shorter lag than the shortest relaxation, as of an air line, is mistaken for one:
+the delay contains 60 to 90 % of a lag of 20 to 100 ms, and 20 to 40 % of one of 500 ms. The
+standard error does not include this.
 """
 
 from __future__ import annotations
