@@ -61,10 +61,10 @@ def track(arguments: Namespace) -> int:
     stream = open_images(arguments.source, request)
     if stream.turned and settings.shutter.readout:
         raise RequestError(
-            f'{arguments.source} is turned by {stream.turned} deg to be upright, so its rows are '
-            f'not those of the sensor: shutter.readout = {settings.shutter.readout:g} s in the '
-            'camera file must be 0, or the film be written as it is shown (ffmpeg -i FILM '
-            'OUT.mp4) and, if turned by 180 deg, the readout be negative',
+            f'{arguments.source} is turned to be upright, so its rows are not those of the '
+            f'sensor: shutter.readout = {settings.shutter.readout:g} s in the camera file must be '
+            '0, or the images be written as they are shown (ffmpeg -i FILM OUT.mp4, mogrify '
+            '-auto-orient) and, if turned by 180 deg, the readout be negative',
             reason='not_supported',
         )
     readings = film_readings(arguments, stream)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 
 import cv2
 import numpy as np
@@ -202,7 +203,7 @@ def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys
     assert output.exists()
 
 
-def test_a_turned_film_has_no_rows_of_the_sensor(tmp_path, capsys):
+def test_a_turned_film_or_folder_has_no_rows_of_the_sensor(tmp_path, capsys):
     """As a phone writes it that was held the other way round: its readout is along no row."""
     write_video(tmp_path / 'upright.avi', pictures(8))
     film = tmp_path / 'film.mp4'
@@ -218,10 +219,19 @@ def test_a_turned_film_has_no_rows_of_the_sensor(tmp_path, capsys):
     turn[[0, 4, 6, 7]] <<= 16
     content[matrix : matrix + 36] = turn.tobytes()
     film.write_bytes(content)
+    (tmp_path / 'folder').mkdir()
+    entry = struct.pack('<HHIHH', 0x0112, 3, 1, 3, 0)  # EXIF: turned by 180 degrees
+    exif = b'Exif\0\0II*\0\x08\0\0\0' + struct.pack('<H', 1) + entry + bytes(4)
+    segment = b'\xff\xe1' + struct.pack('>H', len(exif) + 2) + exif
+    for number, picture in enumerate(pictures(8)):
+        jpeg = cv2.imencode('.jpg', picture[::-1, ::-1])[1].tobytes()
+        (tmp_path / f'folder/{number}.jpg').write_bytes(jpeg[:2] + segment + jpeg[2:])
     camera = share_path('config/camera.yaml').read_text()
     for name, readout, code in (
         ('film.mp4', 0.02, 2),
         ('film.mp4', 0.0, 0),
+        ('folder', 0.02, 2),
+        ('folder', 0.0, 0),
         ('upright.avi', 0.02, 0),
     ):
         file = tmp_path / 'camera.yaml'

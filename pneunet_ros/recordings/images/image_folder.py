@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 import re
 
@@ -68,27 +69,36 @@ def folder_images(
             stamp_ns = stamp_at(index, used)
             yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns, colored), b'')
 
-    return stream_of_file(
-        'folder of images', folder, items, camera_info, len(files), counted_clock(used)
-    )
+    clock = counted_clock(used)
+    stream = stream_of_file('folder of images', folder, items, camera_info, len(files), clock)
+    return replace(stream, turned=_is_turned(files[0]))
+
+
+def _is_turned(file: Path) -> bool:
+    try:
+        seen, stored = (_pixels(file, upright=upright) for upright in (True, False))
+    except (MessageError, OSError):
+        return False  # reading the stream says why
+    return not np.array_equal(seen, stored)
 
 
 def _picture(file: Path, stamp_ns: int, colored: bool) -> Image | MessageError:
     try:
-        with open_regular(file) as stream:
-            content = stream.read(LARGEST_PICTURE + 1)
-        if len(content) > LARGEST_PICTURE:
-            raise MessageError(
-                f'it has more than {LARGEST_PICTURE // 10**6} MB', reason='too_large'
-            )
-        data = np.frombuffer(content, np.uint8)
-        decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
-        pixels = decode(data, colored=colored, upright=True)
-        return pixel_image(pixels, stamp_ns, CAMERA_FRAME)
+        return pixel_image(_pixels(file, colored=colored), stamp_ns, CAMERA_FRAME)
     except MessageError as error:
         return MessageError(f'{file}: {error}', reason=error.reason)
     except OSError as error:
         return MessageError(f'{file} cannot be read: {error.strerror}', reason='unreadable')
+
+
+def _pixels(file: Path, *, colored: bool = False, upright: bool = True) -> Levels:
+    with open_regular(file) as stream:
+        content = stream.read(LARGEST_PICTURE + 1)
+    if len(content) > LARGEST_PICTURE:
+        raise MessageError(f'it has more than {LARGEST_PICTURE // 10**6} MB', reason='too_large')
+    data = np.frombuffer(content, np.uint8)
+    decode = decode_compressed if file.suffix.lower() in COMPRESSED else _decode_plain
+    return decode(data, colored=colored, upright=upright)
 
 
 def _decode_plain(data: Bytes, *, colored: bool, upright: bool) -> Levels:

@@ -42,8 +42,8 @@ class ImageStream:
     `read(other_topics)` yields image and camera_info, and for a recording also these topics, in
     log time order; at equal log times camera_info comes first. `image_topic`: real or nominal name
     of the image topic; `lens_source`: source of the lens. `frames`: expected number of images;
-    `clock`: description of the source of their stamps; `turned`: by how many degrees the images
-    were turned to be upright.
+    `clock`: description of the source of their stamps; `turned`: whether the images (of a folder:
+    the first) were turned to be upright.
     """
 
     kind: str
@@ -53,7 +53,7 @@ class ImageStream:
     clock: str
     read: Callable[[Collection[str]], Iterator[StreamItem]]
     recording: Recording | None = None
-    turned: int = 0
+    turned: bool = False
 
     @property
     def namespace(self) -> str:

@@ -58,7 +58,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
         raise RecordingError(f'{path} does not exist: give a video file', reason='not_found')
     video = _open_video(path)
     file_rate, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
-    turned = round(video.get(cv2.CAP_PROP_ORIENTATION_META)) % 360
+    turned = round(video.get(cv2.CAP_PROP_ORIENTATION_META)) % 360 != 0
     times = _first_times(video)
     video.release()
     if not times:
