@@ -203,8 +203,8 @@ def check_pair(**pairs: tuple[float, float]) -> None:
     """Reject anything but two finite numbers, by name."""
     for name, pair in pairs.items():
         try:
-            x, y = pair
-        except (TypeError, ValueError):
+            x, y = pair[:]  # no set, and no keys of a dict
+        except (TypeError, ValueError, LookupError):
             raise RequestError(
                 f'{name} must be two finite numbers, not {pair!r}', reason='not_finite'
             ) from None

@@ -102,6 +102,8 @@ def test_the_moment_is_that_of_the_end_load():
         {'pressure': 31e3, 'force': (0.1,)},
         {'pressure': 31e3, 'force': (0.1, 0.0, 0.0)},
         {'pressure': 31e3, 'force': 0.1},
+        {'pressure': 31e3, 'force': {0.0, 0.1}},
+        {'pressure': 31e3, 'force': {0.0: 0.1, 1.0: 0.2}},
         {'pressure': 31e3, 'moment': math.nan},
         {'pressure': 31e3, 'stations': 1},
         {'pressure': 31e3, 'stations': 0},
