@@ -86,7 +86,7 @@ def answer_of(trial: Trial, withheld: tuple[str, ...]) -> Row:
     """Return what diagnosis and discovery say of a trial."""
     started = time.process_time()
     known = tuple(name for name in withheld if name in EFFECTS)
-    settings = replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, withheld=known))
+    settings = replace(DEFAULTS, withheld=known)
     row: Row = {'answer': 'failed', 'found': [], 'notes': [], 'closed': None, 'excess': 0.0}
     try:
         investigation = investigate(trial.frame, trial.training, trial.held_out, settings=settings)

@@ -125,7 +125,7 @@ def one_trial(block: str, seed: int) -> Row:
         cause = CAUSES[names[seed % len(names)]]
         sealed, trial = recorded(label_of('causes', cause.effect, STEP, seed, SIZES))
         known = tuple(name for name in cause.withheld if name in EFFECTS)
-        settings = replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, withheld=known))
+        settings = replace(DEFAULTS, withheld=known)
     else:
         sealed, trial = made(block, seed)
     row: Row = {'key': f'{block}/{seed}', 'block': block}

@@ -664,7 +664,7 @@ def diagnosed(trial: Any, withheld: tuple[str, ...] = ()) -> Figures:
     from pneunet_ros.diagnosis.settings import DEFAULTS
     from pneunet_ros.discovery.discovery import discover
 
-    settings = replace(DEFAULTS, hypothesis=replace(DEFAULTS.hypothesis, withheld=withheld))
+    settings = replace(DEFAULTS, withheld=withheld)
     try:
         found = investigate(trial.frame, trial.training, trial.held_out, settings=settings)
     except PneunetError as error:

@@ -242,7 +242,7 @@ def investigate(
     training, held_out, notes, _ = at_rest(model, training, held_out, notes)
     base = fit_base(model, training, lambda *_: None, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)
-    asked = hypotheses(model, settings.hypothesis)
+    asked = hypotheses(model, settings.withheld)
     selection = Selection(
         linearization=linearize(base, *recordings),
         hypotheses=considered_hypotheses(asked, training),

@@ -13,12 +13,8 @@ GAUGE_PASCALS = PressureConvention()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreconditionSettings:
-    """Preconditions of a calibration.
+    """Preconditions of a calibration."""
 
-    declared: declared meaning of the pressure readings, to be judged; None: it is right.
-    """
-
-    declared: PressureConvention | None = GAUGE_PASCALS
     longest: float = tuning(
         1.3, 'largest distance from the clamp to a target', unit='length', source='sweep'
     )
@@ -244,16 +240,19 @@ RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
 FIXED: tuple[Any, ...] = (  # the same in every calibration
-    CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION, IDENTIFIABILITY,
-    STIFFNESS_VARIATION,
+    PRECONDITIONS, CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION,
+    IDENTIFIABILITY, STIFFNESS_VARIATION,
 )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationSettings:
-    """The settings of `calibrate` that can change; of the preconditions, `declared`."""
+    """The settings of `calibrate` that can change.
 
-    preconditions: PreconditionSettings = PRECONDITIONS
+    declared: declared meaning of the pressure readings, to be judged; None: it is right.
+    """
+
+    declared: PressureConvention | None = GAUGE_PASCALS
     resolution: ResolutionSettings = RESOLUTION
     experiments: ExperimentSettings = EXPERIMENTS
 
@@ -266,4 +265,4 @@ def judging(declared: PressureConvention | None) -> CalibrationSettings:
 
     declared: unit and sign of the readings; None: they are correct.
     """
-    return replace(CALIBRATION, preconditions=replace(PRECONDITIONS, declared=declared))
+    return replace(CALIBRATION, declared=declared)

@@ -19,7 +19,12 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.fit.hypothesis import carries_time
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LACK_OF_FIT, LEAST_EVIDENCE
+from pneunet_ros.diagnosis.settings import (
+    CONFIRMATION,
+    DiagnosisSettings,
+    LACK_OF_FIT,
+    LEAST_EVIDENCE,
+)
 from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
@@ -119,7 +124,7 @@ class Confirmer:
         if not self.has_held_out:
             return ()
         falls = self.held_out_fall(record), 2.0 * (record.predicted - self.base.predicted)
-        if min(falls) >= self.settings.confirmation.fall:
+        if min(falls) >= CONFIRMATION.fall:
             return ()
         means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
         return (
@@ -146,7 +151,7 @@ class Confirmer:
 
         Steady-state frames are independent experiments.
         """
-        tested = self.has_held_out or not self.settings.confirmation.tested
+        tested = self.has_held_out or not self.settings.tested
         if len(self.training) > 1 or self.steady or tested:
             return ()
         return (
@@ -240,7 +245,7 @@ def error_rises(before: Sequence[Score], after: Sequence[Score]) -> str:
     if len(change) < BATCHES:
         return ''
     rms = np.sqrt(np.nanmean(np.concatenate(squares, axis=1), axis=1))
-    level = stdtrit(len(change) - 1, ndtr(np.sqrt(DEFAULTS.confirmation.fall)))  # of Student's t
+    level = stdtrit(len(change) - 1, ndtr(np.sqrt(CONFIRMATION.fall)))  # of Student's t
     surely = level * np.std(change, ddof=1) / np.sqrt(len(change))
     if rms[1] <= rms[0] or np.mean(change) <= surely:
         return ''

@@ -11,7 +11,7 @@ from pneunet_ros.diagnosis.confirmation import Confirmer
 from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import Added, evidence_margin, Record, Selection, Trial
-from pneunet_ros.diagnosis.settings import DEFAULTS, LEAST_EVIDENCE
+from pneunet_ros.diagnosis.settings import CONFIRMATION, LEAST_EVIDENCE
 from pneunet_ros.diagnosis.verdict import closest_set, Verdict
 
 
@@ -87,8 +87,8 @@ def effect_probabilities(records: Sequence[Record], *, confirmed: bool = True) -
     logs = np.array([item.evidence for item in comparable(records)])
     margin = evidence_margin(float(logs.max()))
     weights = np.exp((logs - logs.max()) * LEAST_EVIDENCE / margin)
-    known = DEFAULTS.confirmation
-    weights *= (1.0 - (known.wrong if confirmed else known.unconfirmed)) / weights.sum()
+    wrong = CONFIRMATION.wrong if confirmed else CONFIRMATION.unconfirmed
+    weights *= (1.0 - wrong) / weights.sum()
     names = sorted({name for item in records for name in item.names})
     pairs = list(zip(weights, records, strict=True))
     return {

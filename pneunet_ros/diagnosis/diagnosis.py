@@ -137,7 +137,7 @@ def investigate_at_rest(
     training, held_out = few[:count], few[count:]
     notes = (*describe_thinning(few, rested), *notes)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
-    asked = hypotheses(model, settings.hypothesis)
+    asked = hypotheses(model, settings.withheld)
     selection = Selection(
         linearization=linearize(base, *recordings),
         hypotheses=considered_hypotheses(asked, training),
@@ -238,11 +238,11 @@ def linearize(
 
 def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tuple[str, ...]:
     """List the time-dependent effects that static recordings cannot show."""
-    settings = selection.settings.hypothesis
     if any(carries_time(run) for run in training):
         return ()
     arm = selection.linearization.point.arm
-    names = [item.name for item in hypotheses(arm, settings) if item.has_memory]
+    asked = hypotheses(arm, selection.settings.withheld)
+    names = [item.name for item in asked if item.has_memory]
     why = f'no training recording has {NOISE_ESTIMATE.fewest} frames'
     if all(run.static for run in training):
         why = 'frames are static, so their stamps carry no time'

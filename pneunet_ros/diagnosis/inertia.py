@@ -21,6 +21,7 @@ from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.evaluation import distances, noise_floor, removed_share
 from pneunet_ros.diagnosis.investigation import Investigation
 from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Estimated, Misfit, NamedEffect
+from pneunet_ros.diagnosis.settings import CONFIRMATION
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -133,7 +134,7 @@ def with_inertia(
         for part, rest in zip((known, others), rested, strict=True)
     ]
     objections = [one.objection(floor) for one, floor in zip(swings, floors, strict=False)]
-    if others and swings[-1].fall(floors[-1]) < diagnosis.settings.confirmation.fall:
+    if others and swings[-1].fall(floors[-1]) < CONFIRMATION.fall:
         objections.append(NO_FALL)
     if any(objections) or diagnosis.answer == 'unknown':
         why = next((one for one in objections if one), 'the frames at rest are not explained')
@@ -152,7 +153,7 @@ def with_inertia(
 
 def is_known(diagnosis: Diagnosis) -> bool:
     """Whether the model already has inertia, or the name is withheld."""
-    withheld = diagnosis.settings.hypothesis.withheld
+    withheld = diagnosis.settings.withheld
     return diagnosis.after.arm.inertia is not None or NAME in withheld
 
 
@@ -200,7 +201,6 @@ def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
     The models before and after are evaluated on recordings that show the motion; tested: also on
     held-out ones.
     """
-    known = diagnosis.settings.confirmation
     effect = NamedEffect(
         name=NAME,
         parameters={
@@ -209,7 +209,7 @@ def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
                 value=fit.motion.damping_time, std=fit.damping_time_std, unit='s'
             ),
         },
-        probability=1.0 - (known.wrong if tested else known.unconfirmed),
+        probability=1.0 - (CONFIRMATION.wrong if tested else CONFIRMATION.unconfirmed),
     )
     before, after = diagnosis.before.rms, diagnosis.after.rms
     start, end = (f'{millimeters(rms):.2f}' for rms in (before, after))

@@ -34,7 +34,7 @@ from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestig
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.selection import Record, Trial
-from pneunet_ros.diagnosis.settings import LEAST_EVIDENCE
+from pneunet_ros.diagnosis.settings import CONFIRMATION, LEAST_EVIDENCE
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
@@ -189,7 +189,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
         return not_named(diagnosis, moving.fit, 'the recordings show more that is not explained')
     base = whitened_as(moving.found, found.base, found)
     falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
-    if tested and 2.0 * falls < diagnosis.settings.confirmation.fall:
+    if tested and 2.0 * falls < CONFIRMATION.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     whole = replace(
         diagnosis,

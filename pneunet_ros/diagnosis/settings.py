@@ -10,7 +10,7 @@ from typing import Any
 
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.calibration.settings import FIXED as FIXED_IN_CALIBRATION
-from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.settings import setting, tuning
 from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
 
 # Log probability that counts as evidence: strong, 20 to 1 (Kass and Raftery, 1995). No figure of
@@ -67,7 +67,6 @@ class HypothesisSettings:
     """Settings for the values at which an effect is tried."""
 
     shapes: int = tuning(5, 'values of a shape parameter over its prior range', source='sweep')
-    withheld: tuple[str, ...] = tuning((), 'effects that are not considered', source='convention')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +162,6 @@ class ConfirmationSettings:
     fall: float = tuning(
         2.7, 'held-out chi squared that is significant: 95 % one-sided', source='convention'
     )
-    tested: bool = tuning(True, 'whether something must have tested a name', source='convention')
     wrong: float = tuning(
         0.02,
         'probability that a confirmed name is wrong',
@@ -194,24 +192,25 @@ class AugmentedModelSettings:
 
 
 BASE_FIT, LINEARIZATION = BaseFitSettings(), LinearizationSettings()
-SCORE_TEST = ScoreTestSettings()
+HYPOTHESIS, SCORE_TEST = HypothesisSettings(), ScoreTestSettings()
 LAW_ERRORS, LACK_OF_FIT = LawErrorSettings(), LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
+CONFIRMATION = ConfirmationSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
 AUGMENTED_MODEL = AugmentedModelSettings()
 FIXED: tuple[Any, ...] = (  # the same in every diagnosis
-    *FIXED_IN_CALIBRATION, BASE_FIT, LINEARIZATION, SCORE_TEST, LAW_ERRORS, LACK_OF_FIT, REFIT,
-    READING_NOISE, SELECTION, LOCALIZATION, AUGMENTED_MODEL,
+    *FIXED_IN_CALIBRATION, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST, LAW_ERRORS,
+    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION, AUGMENTED_MODEL,
 )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisSettings:
-    """The settings of a diagnosis; beside its calibration `withheld` and `tested` can change."""
+    """The settings of a diagnosis that can change."""
 
     calibration: CalibrationSettings = CALIBRATION
-    hypothesis: HypothesisSettings = HypothesisSettings()
-    confirmation: ConfirmationSettings = ConfirmationSettings()
+    withheld: tuple[str, ...] = setting((), 'effects that are not considered')
+    tested: bool = setting(True, 'whether something must have tested a name')
 
 
 DEFAULTS = DiagnosisSettings()

@@ -145,4 +145,4 @@ def diagnosis_settings(count: int) -> DiagnosisSettings:
     With only the first recording, a name cannot be tested; it is allowed nevertheless, because the
     next recording will test it.
     """
-    return replace(DEFAULTS, confirmation=replace(DEFAULTS.confirmation, tested=count > 1))
+    return replace(DEFAULTS, tested=count > 1)

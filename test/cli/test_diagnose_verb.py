@@ -225,7 +225,7 @@ def test_a_discovered_law_is_said_and_its_effect_written(run, found, lab, monkey
     assert code == 1  # a law is a proposal: the answer stays
     assert '<pushes>' in out
     assert Path('out/effects/proposed_push.py').exists()
-    assert found['settings'].hypothesis.withheld == ('gravity',)
+    assert found['settings'].withheld == ('gravity',)
     # The folder of an earlier diagnosis is replaced with all that it holds, and nothing else.
     assert run(*given(lab, '--overwrite'))[0] == 1
     Path('out/effects/mine.py').write_text('')

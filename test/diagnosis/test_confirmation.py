@@ -103,7 +103,7 @@ def test_a_name_that_nothing_tests_is_none():
     # Of frames that are steady states each is an experiment of its own.
     assert replace(none, steady=True).objections(best) == ()
     # A recording that comes next will test it.
-    untested = replace(DEFAULTS, confirmation=replace(DEFAULTS.confirmation, tested=False))
+    untested = replace(DEFAULTS, tested=False)
     assert replace(none, settings=untested).objections(best) == ()
     two = {'run_chi_squared': (100.0, 900.0), 'coordinates': (100, 100), 'without': (0.0,)}
     shown = replace(record('gravity'), **two | {'run_chi_squared': (100.0, 100.0)})

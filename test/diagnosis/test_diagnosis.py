@@ -19,7 +19,7 @@ from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
 from pneunet_ros.diagnosis.fit.refit import refit
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.diagnosis.selection import Record, Selection
-from pneunet_ros.diagnosis.settings import DEFAULTS, LINEARIZATION
+from pneunet_ros.diagnosis.settings import CONFIRMATION, LINEARIZATION
 from pneunet_ros.diagnosis.verdict import describe_verdict, Verdict
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
@@ -33,7 +33,7 @@ from support.refusals import refused
 from support.scaled import Size
 
 STRUCTURE = ('placement_std', 'registration_std', 'drift_std')
-SURE = 1.0 - DEFAULTS.confirmation.wrong
+SURE = 1.0 - CONFIRMATION.wrong
 WHITE_SIZE = 1.6e-4  # m: rms that the true model has on these recordings
 
 

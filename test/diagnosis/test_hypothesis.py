@@ -10,7 +10,7 @@ from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.fit.hypothesis import hypotheses, Hypothesis, hypothesis
-from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.diagnosis.settings import HYPOTHESIS
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.arm_size import ArmSize, scaled_prior
 from pneunet_ros.effects.creep import Creep
@@ -136,7 +136,7 @@ def test_the_time_of_creep_is_a_shape_and_its_amplitude_a_size():
     assert time.mean == pytest.approx(math.log(math.sqrt(2.0 * 300.0)))
     assert time.value(time.mean + time.std) == pytest.approx(300.0)
     times = {round(float(numbers[1]), 9) for _, numbers in asked('creep').starts()}
-    assert len(times) == DEFAULTS.hypothesis.shapes
+    assert len(times) == HYPOTHESIS.shapes
 
 
 def test_a_stiffness_that_may_be_infinite_is_its_compliance():

@@ -11,7 +11,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.inertia import Swings, with_inertia
 from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.diagnosis.settings import CONFIRMATION, DEFAULTS
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.motion import LabMotion
@@ -28,7 +28,6 @@ pytestmark = pytest.mark.lengthy
 
 TIP_MASS, DAMPING_TIME = 0.002, 0.03
 NOISE = true_model(load_scenario(share_path('scenarios/unloaded_ramp.yaml'))).sensors
-WITHHELD = replace(DEFAULTS.hypothesis, withheld=('inertia',))
 
 
 def scenario_of(name: str) -> Scenario:
@@ -82,7 +81,7 @@ def test_steps_of_an_arm_with_mass_are_called_inertia():
     numbers = found.effects[0].parameters
     assert numbers['tip_mass'].value == pytest.approx(TIP_MASS, rel=0.05)
     assert numbers['damping_time'].value == pytest.approx(DAMPING_TIME, rel=0.05)
-    assert found.effects[0].probability == 1.0 - DEFAULTS.confirmation.wrong
+    assert found.effects[0].probability == 1.0 - CONFIRMATION.wrong
     assert found.after.arm.inertia.damping_time == numbers['damping_time'].value
     assert found.before.held_out.rms > 5.0 * found.after.held_out.rms
     assert found.closed > 0.98
@@ -99,7 +98,7 @@ def test_held_out_swings_that_fall_by_nothing_are_no_name():
         return Swings((still,), (left,), (np.zeros_like(still),), rest).fall(1e-4)
 
     assert fall(1.0) == 0.0
-    assert fall(1.01) < 0.0 < DEFAULTS.confirmation.fall < fall(0.9)
+    assert fall(1.01) < 0.0 < CONFIRMATION.fall < fall(0.9)
     assert fall(0.9) == pytest.approx(0.19 * 200, rel=0.2)
 
 
@@ -107,7 +106,7 @@ def test_who_does_not_want_the_name_or_knows_it_gets_none():
     found, every = diagnosed(), [run for part in runs() for run in part]
     swings = frames_in_motion(every, found.before.arm).moving
     nowhere = [np.zeros(len(run.stamp_ns), np.bool_) for run in every]
-    known = replace(found, settings=replace(DEFAULTS, hypothesis=WITHHELD))
+    known = replace(found, settings=replace(DEFAULTS, withheld=('inertia',)))
     assert with_inertia(known, *runs(), swings, NOISE) is known
     assert with_inertia(found, *runs(), swings, NOISE) is found  # `after` has motion
     still = replace(found, after=found.before, effects=(), answer='none')

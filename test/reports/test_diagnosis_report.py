@@ -10,7 +10,7 @@ import re
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.diagnosis.result import Estimated
-from pneunet_ros.diagnosis.settings import HypothesisSettings, LACK_OF_FIT
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.diagnosis.error_figures import errors_along_arm, model_error, worst_frames
@@ -243,9 +243,9 @@ def test_a_discovered_law_stands_in_all_files(written, page):
 
 def test_settings_that_are_not_the_default_are_said():
     found, *_ = diagnosis()
-    changed = replace(found.settings, hypothesis=HypothesisSettings(withheld=('creep',)))
+    changed = replace(found.settings, withheld=('creep',))
     content = diagnosis_content(replace(found, settings=changed), PROVENANCE)
-    assert content['settings']['not_default'] == {'HypothesisSettings.withheld': ['creep']}
+    assert content['settings']['not_default'] == {'DiagnosisSettings.withheld': ['creep']}
 
 
 def test_the_model_has_what_was_missing(written):

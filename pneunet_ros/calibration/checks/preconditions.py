@@ -166,7 +166,7 @@ def check_pressures(
 
     constant: whether it never changes, under load either.
     """
-    declared, tolerance = settings.preconditions.declared, same_pressure(arm, settings.resolution)
+    declared, tolerance = settings.declared, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
     largest_motion = max(motion([run], arm.reach) for run in unloaded)

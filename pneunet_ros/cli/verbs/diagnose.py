@@ -176,8 +176,7 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
                 f'--without: there is no effect {name}; known effects: {", ".join(EFFECTS)}',
                 reason='unknown_key',
             )
-    withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))
-    return replace(DEFAULTS, hypothesis=withheld)
+    return replace(DEFAULTS, withheld=tuple(sorted(names)))
 
 
 def executor_for(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 import math
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.settings import DEFAULTS, HypothesisSettings
+from pneunet_ros.diagnosis.settings import HYPOTHESIS
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.arm_size import ArmSize, scaled_prior
 from pneunet_ros.effects.effect import Effect, Load
@@ -152,7 +153,7 @@ class Hypothesis:
     def shapes(self) -> list[Array]:
         """Return numbers without any size, over the prior range of the shapes."""
         is_shape = np.array([item.shape for item in self.coordinates])
-        steps = np.linspace(-1.0, 1.0, DEFAULTS.hypothesis.shapes) if is_shape.any() else [0.0]
+        steps = np.linspace(-1.0, 1.0, HYPOTHESIS.shapes) if is_shape.any() else [0.0]
         return [np.where(is_shape, self.mean + step * self.std, 0.0) for step in steps]
 
 
@@ -199,11 +200,9 @@ def coordinate_of(parameter: Any, size: ArmSize) -> Coordinate:
     )
 
 
-def hypotheses(
-    model: Arm, settings: HypothesisSettings = DEFAULTS.hypothesis
-) -> tuple[Hypothesis, ...]:
+def hypotheses(model: Arm, withheld: Sequence[str] = ()) -> tuple[Hypothesis, ...]:
     """Return the quasi-static effects that a model lacks, except the withheld ones."""
-    left_out = {*(effect.name for effect in model.effects), *settings.withheld}
+    left_out = {*(effect.name for effect in model.effects), *withheld}
     return tuple(
         hypothesis(kind, model.size)
         for name, kind in EFFECTS.items()
