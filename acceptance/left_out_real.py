@@ -20,6 +20,8 @@ from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
 from real_data_diagnosis import model, NOISE, recorded
 from real_data_fit import Actuator, DATA, LENGTH, missed, read_actuators, tips
 from rich.console import Console
@@ -40,6 +42,14 @@ def diagnosed_error(actuator: Actuator, noise: float) -> float:
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else float('nan')
 
 
+def fitted_row(run: RecordingData, arm: Arm, scale: float) -> dict:
+    """Return the row of a recording, also of one that cannot be calibrated."""
+    try:
+        return row_of(calibrate([run], [], arm), scale)
+    except PneunetError as error:
+        return {'answered': False, 'beaten': False, 'says': str(error)}
+
+
 def row_of(calibration: Calibration, scale: float) -> dict:
     """Return the errors at pressures left out, times a scale, and whether that is an answer.
 
@@ -50,6 +60,7 @@ def row_of(calibration: Calibration, scale: float) -> dict:
         return {'answered': False, 'beaten': False}
     beaten = found.model > AS_WELL * min(found.arc, found.interpolation)
     return {
+        'pressures': found.levels + 2,
         'model': scale * found.model,
         'arc': scale * found.arc,
         'interpolation': scale * found.interpolation,
@@ -73,8 +84,8 @@ def measured(actuators: Iterable[Actuator], noise: float, *, diagnosed: bool) ->
     rows = []
     for actuator in actuators:
         run = replace(recorded(actuator, np.arange(actuator.pressure.size)), static=True)
-        row = {'actuator': actuator.name, 'pressures': int(actuator.pressure.size)}
-        row |= row_of(calibrate([run], [], model(actuator, noise)), 100.0 / LENGTH)
+        row = fitted_row(run, model(actuator, noise), 100.0 / LENGTH)
+        row |= {'actuator': actuator.name, 'pressures': int(actuator.pressure.size)}
         if diagnosed:
             row['diagnosed'] = diagnosed_error(actuator, noise)
         rows.append(row)

@@ -28,9 +28,8 @@ import json
 import math
 from pathlib import Path
 
-from left_out_real import AS_WELL, count_sentence, measured, row_of
+from left_out_real import AS_WELL, count_sentence, fitted_row, measured
 import numpy as np
-from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.units import SI_PER_UNIT
 from pneunet_ros.measurement.dataset import RecordingData
@@ -111,10 +110,8 @@ def measured_angles(runs: list[RecordingData]) -> list[dict]:
             largest_pressure=float(run.pressure.max()),
             places=np.array([0.0, 0.5 * LENGTH]),
         )
-        found = calibrate([run], [], arm)
-        levels = 0 if found.left_out is None else found.left_out.levels + 2
-        rows.append({'actuator': run.name, 'pressures': levels, 'unit': 'degrees'})
-        rows[-1] |= row_of(found, math.degrees(1.0))
+        row = fitted_row(run, arm, math.degrees(1.0))
+        rows.append({'actuator': run.name, 'pressures': 0, 'unit': 'degrees'} | row)
     return rows
 
 

@@ -35,3 +35,12 @@ def test_a_set_in_any_frame_is_the_tip_of_an_arc(arc):
 
 def test_what_is_not_there_is_passed_by(tmp_path):
     assert bench.actuators_in(tmp_path) == []
+
+
+def test_a_recording_that_cannot_be_calibrated_is_a_row_that_says_why(tmp_path):
+    path = tmp_path / 'still.csv'
+    rows = (f'{0.05 * row:.2f};{0.01 * (row % 2):.2f};20.0' for row in range(200))
+    path.write_text('\n'.join(['time;angle;pressure', *rows]))
+    (row,) = bench.measured_angles([bench.read_angles(path)])
+    assert not row['answered']
+    assert 'pressure' in row['says']
