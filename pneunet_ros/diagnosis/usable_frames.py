@@ -9,10 +9,15 @@ outside the readings, are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import itertools
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion, without_motion
+from pneunet_ros.calibration.checks.frames_in_motion import (
+    FramesInMotion,
+    with_earlier_pressures,
+    without_motion,
+)
 from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import PneunetError, RecordingError
@@ -102,18 +107,20 @@ def without_unread(
 ) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
     """Return recordings without the frames whose readings are unknown, and a note.
 
-    A loaded recording that has no load any more is left out as well. RecordingError if the first
+    A loaded recording that has no load any more is left out as well. The arm remembers the
+    pressures of what is left out: these go to the next recording. RecordingError if the first
     group loses all its recordings, or all without a load, or all with one.
     """
-    noise = with_noise_of_readings(arm.sensors, [run for group in groups for run in group])
-    read = [[(run, read_frames(arm, run, noise)) for run in group] for group in groups]
-    every = [flags for group in read for _, flags in group]
+    runs = list(itertools.chain(*groups))
+    noise = with_noise_of_readings(arm.sensors, runs)
+    every = [read_frames(arm, run, noise) for run in runs]
     left = sum(int((~flags).sum()) for flags in every)
     if not left:
         return [[*group] for group in groups], ()
-    parts = [[(run, read_part(run, flags, noise)) for run, flags in group] for group in read]
-    kept = [[part for _, part in group if part is not None] for group in parts]
-    lost = [run.name for group in parts for run, part in group if part is None]
+    found = [read_part(run, flags, noise) for run, flags in zip(runs, every, strict=True)]
+    lost = [run.name for run, part in zip(runs, found, strict=True) if part is None]
+    parts = iter(with_earlier_pressures(runs, found))
+    kept = [[part for _ in group if (part := next(parts)) is not None] for group in groups]
     note = Note(
         f'{left} of {sum(flags.size for flags in every)} frames were left out because their '
         'pressure or load is not known: it changed between two readings, or its readings had '

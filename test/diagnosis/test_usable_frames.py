@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.diagnosis.usable_frames import without_unread
+from pneunet_ros.effects.softening import Softening
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
 from support.example_arms import paper_arm
 from support.refusals import refused
 
@@ -85,6 +87,23 @@ def test_too_little_that_was_read_is_refused():
     (_, held_out), (note,) = without_unread(paper_arm(), [free], [replace(between, name='short')])
     assert held_out == []
     assert 'short' in note
+
+
+def test_the_arm_remembers_the_pressures_of_a_recording_that_is_left_out():
+    """It softened at a pressure between whose readings alone there were frames."""
+    free, later, step = (recording(one) for one in ([20e3] * 6, [20e3] * 6, [20e3, 60e3, 20e3]))
+    between = step.subset(np.array([1, 2, 3, 5, 6, 7, 9, 10]))
+    after = 100 * READ * np.arange(3)
+    free, between, later = runs = [
+        replace(run, stamp_ns=run.stamp_ns + ns, reading_stamp_ns=run.reading_stamp_ns + ns)
+        for run, ns in zip((free, between, later), after, strict=True)
+    ]
+    arm = paper_arm((Softening(loss=0.3),))
+    (kept,), _ = without_unread(arm, runs)
+    assert len(kept) == 2
+    known, alone = (inputs_of(arm, some)[-1].histories[0][0] for some in (runs, [free, later]))
+    left = inputs_of(arm, kept)[-1].histories[0][0]
+    assert np.array_equal(left, known) and not np.array_equal(left, alone)
 
 
 def test_noise_larger_than_the_arm_file_says_is_no_change():
