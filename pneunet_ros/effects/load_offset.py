@@ -12,7 +12,11 @@ from pneunet_ros.effects.effect import Effect, Place, Terms
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadOffset(Effect):
-    """The load acts at tip + offset x normal, normal = (-sin theta, cos theta) at the tip."""
+    """The load acts at tip + offset x normal, normal = (-sin theta, cos theta) at the tip.
+
+    So does the weight of `tip_mass`, as of a fitting to which the load is tied; its inertia acts
+    at the tip.
+    """
 
     name: ClassVar[str] = 'load_offset'
     place: ClassVar[Place] = 'mechanics'

@@ -10,6 +10,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.effects.gravity import Gravity as LineLoad
+from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -91,10 +92,12 @@ def test_the_weight_acts_as_the_effect_of_that_line_load_does():
     assert np.array_equal(one.x, other.x) and np.array_equal(one.theta, other.theta)
 
 
-def test_a_mass_at_the_tip_acts_as_its_weight_in_the_end_load_does():
+@pytest.mark.parametrize('effects', [(), (LoadOffset(offset=0.004),)])
+def test_a_mass_at_the_tip_acts_as_its_weight_in_the_end_load_does(effects):
     weight = TIP_MASS * STANDARD_GRAVITY
-    one = solve(heavy([0.0, -1.0]), 31e3, (0.1, 0.05))
-    other = solve(heavy([0.0, -1.0], tip_mass=0.0), 31e3, (0.1, 0.05 - weight))
+    one = solve(heavy([0.0, -1.0], effects=effects), 31e3, (0.1, 0.05))
+    light = heavy([0.0, -1.0], tip_mass=0.0, effects=effects)
+    other = solve(light, 31e3, (0.1, 0.05 - weight))
     assert one.x == pytest.approx(other.x, abs=1e-12)
     assert one.force == (0.1, 0.05)  # what the surroundings apply
 
