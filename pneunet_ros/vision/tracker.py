@@ -374,6 +374,7 @@ class Tracker:
         A node that searched everywhere in each frame could not keep up with its camera.
         """
         last, stamp_ns = state.row or state.lost, view.image.stamp_ns
+        view = view if last is None else replace(view, lost=last.seen)
         if last is not None:
             near = search_around(view, last)
             pause = LONGEST_PREDICTION

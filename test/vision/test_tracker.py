@@ -515,6 +515,24 @@ def test_a_camera_that_was_knocked_by_a_spacing_shows_no_row(spacings):
     assert film.show(film.picture(1e3)[0]).sightings.seen == TARGETS
 
 
+def test_a_camera_that_creeps_until_the_last_target_leaves_its_view_shows_no_row():
+    """What is seen is the row of a spacing farther, without the target at the clamp."""
+    film, width = Film(), 548
+    film.state, _ = film.tracker.step(TrackerState(), replace(film.lens, width=width))
+
+    def crept(pixels):
+        return film.show(np.roll(film.picture(1e3)[0], pixels, axis=1)[:, :width])
+
+    for _ in range(REST):
+        outcome = crept(0)
+    spacing = np.diff(outcome.sightings.u).mean()
+    assert outcome.sightings.u[-1] + spacing > width
+    for pixels in range(2, round(2.2 * spacing), 2):
+        outcome = crept(pixels)
+        assert outcome.reason == 'no_row' or pixels < 0.5 * spacing
+    assert crept(0).sightings.seen == TARGETS
+
+
 @pytest.mark.parametrize('pressure', [0.0, 1e3, 2e3, 3e3])
 def test_the_bow_of_a_row_at_rest_tells_how_far_the_base_frame_is_turned(pressure):
     film = Film()

@@ -108,7 +108,8 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
 def is_shifted(view: View, row: ObservedRow) -> bool:
     """Whether a row lacks the target at one end and continues beyond the other.
 
-    Then the camera has moved along the arm by a spacing.
+    Then the camera has moved along the arm by a spacing. So it may have if a row found again
+    lacks an end that was seen last, and the place beyond its other end is out of view.
     """
     seen = np.flatnonzero(np.isfinite(row.points[:, 0]))
     ends = {0, len(row.points) - 1} - set(seen.tolist())
@@ -122,7 +123,11 @@ def is_shifted(view: View, row: ObservedRow) -> bool:
     if np.isnan(places).any():
         return False
     reach = view.settings.gate * math.hypot(*(places[0] - table[-1, :2]))
+    size = np.array([view.image.width, view.image.height], np.float64)
     across = float(table[-1, MAJOR])
+    inside = np.abs(2.0 * places[0] - size) <= size - 2.0 * reach - across
+    if not inside.all() and view.lost is not None and view.lost[0 if forward else -1]:
+        return True
     beyond = nearest_blobs(view.image, places, reach, across, view.appearance)
     beyond = beyond[np.isfinite(beyond[:, AREA]) & ~view.is_taken(beyond)]
     known = np.isfinite(points[:, 0])

@@ -39,7 +39,7 @@ class View:
     areas: candidate areas, if already found; shallow: search only salient areas, because another
     search can follow; limits: largest cost of the targets of a row at rest for each search among
     these, empty if they were searched before; taken (n, COLUMNS): blobs that are targets of other
-    rows.
+    rows; lost: targets that were seen when the row that is searched for was lost.
     """
 
     image: Image
@@ -53,6 +53,7 @@ class View:
     shallow: bool = False
     limits: tuple[float, ...] = ()
     taken: Array = field(default_factory=lambda: NONE_TAKEN)
+    lost: Mask | None = None
 
     def is_taken(self, table: Array) -> Mask:
         """Whether blobs (n, COLUMNS) belong to other rows (n,)."""
