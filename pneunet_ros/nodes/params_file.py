@@ -41,6 +41,21 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
     return given
 
 
+def own_parameters(path: str | Path, node: str) -> dict[str, Any]:
+    """Return what a file gives to a node (full name) under its name and that of its namespace."""
+    own = node.split('/')[-2:]
+    try:
+        found = _FILE.load(path, lambda content: list(_parameters(content, [])))
+    except PneunetError:  # ROS has read the file and reported its errors
+        return {}
+    return {
+        key: value
+        for name, given in found
+        if _matches(name, node) and name.strip('/').split('/')[-2:] == own
+        for key, value in (given.items() if isinstance(given, dict) else ())
+    }
+
+
 def missed_node(path: str | Path, node: str) -> str:
     """Report that a file names a node (full name) only in other namespaces, else return ''."""
     try:

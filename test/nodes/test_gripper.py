@@ -32,6 +32,7 @@ from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
     arms_of,
     block_of,
     check_blocks,
+    check_own,
     GripperConfiguration,
     GripperSettings,
     is_used,
@@ -45,7 +46,7 @@ from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper  # no
 from pneunet_ros.nodes.virtual_gripper.node import VirtualGripperNode  # noqa: E402
 from sensor_msgs.msg import FluidPressure, JointState  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
-from support.dds_peer import NodeProcess, Peer, running_node, SensorsPeer  # noqa: E402
+from support.dds_peer import NodeProcess, Peer, running_node, SensorsPeer, TIMEOUT  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 ARMS = ('left', 'right')
@@ -390,6 +391,31 @@ def test_a_model_is_given_to_the_nodes_of_an_arm_only_if_there_is_one():
     assert 'model_file' not in parameters_of(GripperSettings(), block, 'fusion')
     given = parameters_of(GripperSettings(model_file='a.yaml'), block, 'fusion')
     assert given['model_file'] == 'a.yaml'
+
+
+def test_what_a_file_gives_a_node_of_an_arm_itself_is_not_hidden_by_the_gripper(tmp_path):
+    path = tmp_path / 'hand.yaml'
+    gripper = '/**/gripper: {ros__parameters: {arms: [left], model_file: a.yaml}}\n'
+    node, given = '/hand/left/fusion', {'model_file': 'a.yaml'}
+    for name in (node, 'hand/left/fusion', '/**/left/fusion'):
+        path.write_text(f'{gripper}{name}: {{ros__parameters: {{model_file: b.yaml}}}}\n')
+        with refused(RequestError, 'given_twice') as caught:
+            check_own([path], node, given)
+        assert 'model_file' in str(caught.value)
+        check_own([path], '/hand/right/fusion', given)
+        check_own([path], node, {'model_file': 'b.yaml'})
+    path.write_text(f'{gripper}/**: {{ros__parameters: {{model_file: b.yaml}}}}\n')
+    check_own([path], node, given)  # what all nodes are given is not its own
+
+
+def test_the_gripper_does_not_start_where_it_would_hide_it(tmp_path):
+    path = tmp_path / 'hand.yaml'
+    path.write_text('/**/left/estimator: {ros__parameters: {model_file: b.yaml}}\n')
+    model = ['-p', f'model_file:={share_path("config/paper_arm.yaml")}']
+    words = [*model, '--params-file', str(path)]
+    process = NodeProcess(tmp_path / 'output', DOMAIN, *words, node='gripper')
+    assert process.process.wait(TIMEOUT) == 2
+    assert 'its own model_file' in process.text
 
 
 def test_mounts_are_of_all_arms_or_of_none():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import json
 from typing import Any
@@ -25,6 +25,7 @@ from pneunet_ros.nodes.estimator.configuration import PARAMETERS as OF_ESTIMATOR
 from pneunet_ros.nodes.fusion.configuration import configured_fusion
 from pneunet_ros.nodes.fusion.configuration import PARAMETERS as OF_FUSION
 from pneunet_ros.nodes.parameters import ParameterTable, SHIPPED_MODEL
+from pneunet_ros.nodes.params_file import own_parameters
 from pneunet_ros.nodes.tracker.configuration import configured_tracker
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as OF_TRACKER
 from pneunet_ros.vision.several_rows import check_rows
@@ -164,6 +165,22 @@ def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict
     if node == 'estimator' and settings.fusion:
         given['watch_targets'] = False  # the fusion compares targets already
     return given | dict(block.parameters[node])
+
+
+def check_own(files: Iterable[str], node: str, given: Mapping[str, Any]) -> None:
+    """Raise RequestError if a file gives a node of an arm what the gripper gives it otherwise.
+
+    node: full name; given: its parameters from the gripper, which would win.
+    """
+    for path in files:
+        own = own_parameters(path, node)
+        twice = [name for name in given.keys() & own.keys() if given[name] != own[name]]
+        if twice:
+            raise RequestError(
+                f'{path} gives {node} its own {min(twice)}, and the gripper gives it another: put '
+                'it into the block of this arm',
+                reason='given_twice',
+            )
 
 
 def check_blocks(given: Mapping[str, Any]) -> None:

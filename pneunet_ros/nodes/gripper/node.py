@@ -7,6 +7,7 @@ They are the same nodes as for a single arm, with all their topics and services.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+import sys
 import time
 from typing import Any, ClassVar
 
@@ -19,6 +20,7 @@ from pneunet_ros.nodes.fusion.node import FusionNode
 from pneunet_ros.nodes.gripper.action import gripper_command, GripperGoals, serve_action
 from pneunet_ros.nodes.gripper.configuration import (
     arms_of,
+    check_own,
     configured_gripper,
     GripperConfiguration,
     is_used,
@@ -29,6 +31,7 @@ from pneunet_ros.nodes.gripper.grasping import Grasping
 from pneunet_ros.nodes.gripper.services import ask_all
 from pneunet_ros.nodes.node_options import NodeOptions
 from pneunet_ros.nodes.parameters import overrides, undeclared_overrides
+from pneunet_ros.nodes.params_file import params_files
 from pneunet_ros.nodes.tracker.node import TrackerNode
 from std_srvs.srv import Trigger
 
@@ -151,6 +154,7 @@ def gripper_nodes() -> Iterator[Any]:
         models: dict[Any, Any] = {}
         for arm, block in blocks.items():
             parameters = parameters_of(settings, block, kind)
+            check_own(params_files(sys.argv), f'{namespace}/{arm}/{kind}', parameters)
             node_options = NodeOptions(
                 namespace=f'{namespace}/{arm}',
                 parameters=clock | parameters,
