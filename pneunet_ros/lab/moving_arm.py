@@ -288,8 +288,6 @@ class Run:
                 ElementTree.SubElement(
                     base, 'inertial', pos='0 0 0', mass='1', diaginertia='1 1 1'
                 )
-        for geom in root.iter('geom'):
-            geom.set('friction', f'{motion.peg_friction:g} 0 0')
         if motion.peg_radius > 0.0:
             x, y = rotated(np.array([motion.peg_x, motion.peg_y]), np.array([-arm.clamp_angle]))[0]
             ElementTree.SubElement(
@@ -300,8 +298,11 @@ class Run:
                 size=f'{motion.peg_radius:.9g} {2.0 * motion.radius:.9g}',
                 pos=f'{x:.9g} {y:.9g} 0',
                 mass='0',
-                friction=f'{motion.peg_friction:g} 0 0',
             )
+        # MuJoCo takes friction 0 for 1e-5, and the forces it then finds are noise.
+        friction = {'friction': f'{motion.peg_friction:g} 0 0'}
+        for geom in root.iter('geom'):
+            geom.attrib.update(friction if motion.peg_friction else {'condim': '1'})
 
     def base_at(self, times: Array) -> tuple[Array, Array, Array]:
         """Return angle of the base (rad), its rate and its acceleration at times (n,) s."""

@@ -234,6 +234,24 @@ def test_a_peg_pushes_as_hard_as_a_push_there_would():
     assert np.hypot(*(tip(touched) - tip(pushed))[-1]) < 0.03 * moved
 
 
+def test_a_peg_pushes_an_arm_at_rest_evenly():
+    scenario = held(1e3, (0.0, 0.0), duration=4.0)
+    protocol = dataclasses.replace(
+        scenario.protocol,
+        share=(0.0, 0.5, 1.0),
+        pressure=(1e3, 58e3, 58e3),
+        force_x=(0.0,) * 3,
+        force_y=(0.0,) * 3,
+    )
+    arm = dataclasses.replace(scenario.arm, clamp_angle=0.3)
+    motion = LabMotion(damping_time=0.1, peg_x=0.08, peg_y=0.06, peg_radius=0.006)
+    scenario = dataclasses.replace(scenario, arm=arm, protocol=protocol, motion=motion)
+    recording = simulate(scenario)
+    assert np.hypot(*recording.motion.tip_velocity[-20:, :2].T).max() < 1e-4
+    force = np.hypot(*recording.motion.contact_force[-20:].T)
+    assert np.ptp(force) < 0.02 * force.min() and force.min() > 0.03
+
+
 def test_what_links_cannot_do_is_refused():
     for effects in (
         {'extensibility': {'axial_stiffness': 20.0}},
