@@ -241,10 +241,11 @@ def predict(
 
     imu (readings, 3): what an accelerometer reads, None: of the cause.
     """
-    estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=True))
+    loaded = CAUSES[name].loaded  # otherwise there is no force sensor
+    estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=loaded))
     state, truth = EstimatorState(), recording.truth
     rows = np.full((truth.time.size, len(NUMBERS)), np.nan)
-    for instant, events in enumerate(readings_of(recording, name, seed, wrench=True)):
+    for instant, events in enumerate(readings_of(recording, name, seed, wrench=loaded)):
         if imu is not None:
             x, y, z = imu[instant].tolist()
             stamp = int(recording.stamp_ns[instant])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+from calibration import true_model
 import motion as bench
 import numpy as np
 import pytest
@@ -14,6 +17,14 @@ def test_the_peg_is_in_the_way_and_pushes_the_arm_back():
     touching = np.isfinite(recording.motion.contact_place)
     assert 0.2 < touching.mean() < 0.95
     assert np.hypot(*recording.motion.contact_force.T).max() > 5 * bench.TOUCHES
+
+
+def test_nothing_is_read_of_a_force_where_nothing_pulls():
+    recording = bench.recording_of(77, 0, bench.CAUSE_OF_STEPS, 4.0)
+    arm = dataclasses.replace(true_model(recording.scenario), motion=bench.TRUE_MOTION)
+    rows = bench.predict(arm, recording, bench.CAUSE_OF_STEPS, 77)
+    # The noise of a force sensor (1 mN) would move the tip by a millimeter.
+    assert bench.numbers_of(rows[None])['tip_rms'] < 0.3e-3
 
 
 def test_numbers_of_the_peg_and_goals_that_are_missed():
