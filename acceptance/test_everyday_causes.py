@@ -5,6 +5,8 @@ from __future__ import annotations
 import everyday_causes as bench
 import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.fusion.causes import PressureCause
+from pneunet_ros.model.domain_position import LOAD_BEYOND
 import pytest
 
 RIG, SECONDS = 77, 3.0
@@ -94,14 +96,26 @@ def test_numbers_can_be_bad_and_what_is_said_is_counted():
     assert found['tip_covered'] < 0.6 and found['withheld'] == 0.5
     said = bench.shares_of([('a: b', 'c'), ('a: d',), (), ()])
     assert said[:2].tolist() == ['0.500000 a', '0.250000 c']
-    rig = dict.fromkeys(bench.CAUSES, rows)
-    rig |= {f'{name}: said': said[None] for name in bench.CAUSES}
-    assert len(bench.summary_of([rig])['missed']) == len(bench.NOTHING)
-    for name in bench.NOTHING:  # two sentences of 0.006 each
-        rig |= {f'{one}: said': np.full((1, 1), '') for one in bench.CAUSES}
-        rig[f'{name}: said'] = np.array([['0.006000 a', '0.006000 b']])
-        (missed,) = bench.summary_of([rig])['missed']
+
+
+def test_only_causes_and_contacts_accuse_an_arm_with_which_nothing_is_wrong(capsys):
+    rows = np.zeros((2, 100, len(bench.NUMBERS)))
+    rows[1, :40, 1] = 50.0
+    rows[..., 3] = np.nan
+    blames = bench.CONTACT, bench.kind_of(PressureCause.sentence)
+    true = bench.kind_of(LOAD_BEYOND)
+    assert true not in bench.ACCUSATIONS
+    for name in bench.NOTHING:
+        rig = dict.fromkeys(bench.CAUSES, rows)
+        rig |= {f'{one}: said': np.array([[f'0.060000 {true}']]) for one in bench.CAUSES}
+        assert bench.summary_of([rig])['missed'] == []
+        rig[f'{name}: said'] = np.array([[f'0.006000 {one}' for one in blames]])
+        summary = bench.summary_of([rig])
+        (missed,) = summary['missed']
         assert missed.startswith(f'{name}: 0.012')
+        assert summary['causes'][name]['tip_covered_worst'] == 0.6
+    bench.show(summary, 'title')
+    assert '| 0.80 (0.60) |' in capsys.readouterr().out
 
 
 def test_rows_of_shorter_recordings_are_kept_under_another_name(monkeypatch):
