@@ -224,6 +224,17 @@ def refuse_unsupported_effects(chain: Chain) -> None:
         )
 
 
+def refuse_less_damping_than_a_step(motion: LabMotion) -> None:
+    """Raise RequestError for a damping time below that of the integrator, which is one step."""
+    if motion.damping_time < motion.timestep:
+        raise RequestError(
+            f'MuJoCo cannot simulate a damping time of {motion.damping_time:g} s: its integrator '
+            f'damps as a damping time of one step does. Set motion.damping_time, or '
+            f'effects.inertia.damping_time, to motion.timestep ({motion.timestep:g} s) or more',
+            reason='not_for_mujoco',
+        )
+
+
 class Run:
     """A MuJoCo simulation, starting at rest at the beginning of a recording."""
 
@@ -236,6 +247,7 @@ class Run:
         self.turning = any(motion.turn_angle)
         chain = chain_at(np.zeros(1))
         refuse_unsupported_effects(chain)
+        refuse_less_damping_than_a_step(motion)
         self.has_clamp_hinge = chain.clamp_compliance > 0.0
         self.hinges = Hinges(chain, self.links)
         root = mjcf_tree(self.hinge_chain())
@@ -339,7 +351,7 @@ class Run:
         model.jnt_stiffness[dofs], model.qpos_spring[dofs] = stiffness, rest
         model.jnt_stiffnesspoly[dofs, 1] = stiffness * hinges.cubic
         # The integrator `discrete` damps as a damping time of one step does.
-        damping = max(self.motion.damping_time - self.motion.timestep, 0.0)
+        damping = self.motion.damping_time - self.motion.timestep
         model.dof_damping[dofs] = damping * stiffness * (1.0 + 3.0 * hinges.cubic * bend**2)
 
     def set_loads(self, chain: Chain, row: int) -> None:

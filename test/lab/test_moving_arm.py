@@ -262,6 +262,15 @@ def test_what_links_cannot_do_is_refused():
         scenario = dataclasses.replace(held().with_effects(effects), motion=LabMotion())
         with refused(RequestError, 'not_for_mujoco'):
             simulate(scenario)
+    step = LabMotion().timestep
+    for motion, effects in (
+        (LabMotion(damping_time=0.5 * step), {}),
+        (None, {'inertia': {'tip_mass': 0.004}}),
+    ):
+        scenario = dataclasses.replace(held(), motion=motion).with_effects(effects)
+        with refused(RequestError, 'not_for_mujoco'):
+            simulate(scenario)
+    simulate(dataclasses.replace(held(), motion=LabMotion(damping_time=step)))
     with refused(RequestError, 'touches_peg'):
         simulate(
             dataclasses.replace(held(), motion=LabMotion(peg_x=0.05, peg_y=0.0, peg_radius=0.01))
