@@ -19,7 +19,7 @@ larger (badly placed dots), the noise level is the one that explains them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 import functools
 import math
 from typing import Any, NamedTuple
@@ -80,7 +80,7 @@ def smoother_numbers(settings: SmootherSettings) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredCurve:
-    """The measured centerline at stations between the first and the last seen target.
+    """The measured centerline at stations between the first and the last target that it takes.
 
     All arrays have one entry per station: material arclength (m), x and y (m, base frame), theta
     (rad, continuous, from (-pi, pi] at the first station), curvature by Eq 1 (1/m, per stretched
@@ -128,8 +128,10 @@ class SmoothingOperator(NamedTuple):
 class Smoother:
     """Smooths the targets at target_arclength (targets,) m into a curve at stations (m).
 
-    `placement_std` (m) is the accuracy of the painted targets; the sightings have the accuracy of
-    detection. Any further error is estimated from the residuals of a frame.
+    Targets beyond `length` (m) are on the rigid cap and take no part: the curvature jumps to zero
+    there, which the prior does not know. `placement_std` (m) is the accuracy of the painted
+    targets; the sightings have the accuracy of detection. Any further error is estimated from the
+    residuals of a frame.
     """
 
     target_arclength: Array
@@ -157,7 +159,7 @@ class Smoother:
         object.__setattr__(self, 'operator', functools.lru_cache(KEPT_OPERATORS)(make))
 
     def smooth(self, sightings: TargetSightings) -> MeasuredCurve | None:
-        """Return the curve through the seen targets; None if there are too few.
+        """Return the curve through the seen targets of the soft part; None if there are too few.
 
         Also None if two neighboring targets coincide. Raises RequestError for sightings with
         another number of targets.
@@ -168,6 +170,9 @@ class Smoother:
                 f'{sightings.x.size}',
                 reason='wrong_targets',
             )
+        if self.target_arclength[-1] > self.length:
+            x = np.where(self.target_arclength > self.length, math.nan, sightings.x)
+            sightings = replace(sightings, x=freeze(x))
         least = math.hypot(self.settings.least_std * self.length, self.placement_std)
         operator = self.operator(accuracy_classes(sightings, least).tobytes())
         if operator is None:
@@ -305,7 +310,7 @@ def smoother_for(
         target_arclength=arm.target_arclength,
         stations=station_arclength(arm.reach, stations),
         priors=learn_priors(arm, prior),
-        length=arm.reach,
+        length=arm.length,
         placement_std=arm.sensors.placement_std,
         settings=settings,
     )

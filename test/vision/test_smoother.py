@@ -190,6 +190,22 @@ def test_the_standard_deviation_covers_the_error(noise):
     assert np.mean(np.abs(scores) < 2.0) > 0.88
 
 
+def test_a_target_on_the_rigid_cap_says_nothing_of_the_curvature():
+    """The arm ends with its largest curvature, and goes straight on."""
+    places = np.append(TARGETS, [LENGTH + 0.004, LENGTH + 0.010])
+    arm = rebuilt(paper_arm(), tip_cap=0.012, target_arclength=places)
+    points = bent(lambda s: 250.0 * s)
+    end = turned(np.column_stack([places[23:] - LENGTH, [0.0, 0.0]]), 125.0 * LENGTH**2)
+    points = np.vstack([points, end + bent(lambda s: 250.0 * s, [LENGTH])])
+    smooth, random, scores = smoother_for(arm), np.random.default_rng(6), []
+    for _ in range(15):
+        noisy = points + 2e-5 * random.normal(size=points.shape)
+        curve = smooth.smooth(sightings(*noisy.T, 2e-5))
+        scores.append(((curve.curvature - 250.0 * curve.arclength) / curve.std_curvature)[-8:])
+    assert curve.arclength[-1] <= LENGTH
+    assert rms(scores) < 1.5
+
+
 def test_noise_that_detection_does_not_know_is_found():
     shapes = model_shapes(UNLOADED + LOADED)
     wrong, scores = errors(smoother(), shapes, 60e-6, claimed=6e-6)

@@ -74,15 +74,14 @@ def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> Mome
     """Return the view of one steady state; None if too few targets were seen for a curve."""
     arm = fit.arm
     curve = smoother.smooth(steady_state.sightings(arm.sensors.target_std))
-    soft = 0 if curve is None else np.count_nonzero(curve.arclength <= arm.length)
-    if curve is None or soft < 2:
+    if curve is None or curve.arclength.size < 2:
         return None
     s = curve.arclength
-    # The smoothed curve ends at the last target: straight on from there to the free end.
-    left = arm.reach - s[-1] if np.isfinite(steady_state.x[-1]) else np.nan
+    # Straight on from the last target to the free end.
+    left = arm.reach - arm.target_arclength[-1]
     tip = (
-        curve.x[-1] + left * np.cos(curve.theta[-1]),
-        curve.y[-1] + left * np.sin(curve.theta[-1]),
+        steady_state.x[-1] + left * np.cos(curve.theta[-1]),
+        steady_state.y[-1] + left * np.sin(curve.theta[-1]),
     )
     f1, f2, moment = steady_state.inputs.loads[0].tolist()
     chamber = float(steady_state.inputs.pressure[0])
@@ -91,11 +90,11 @@ def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> Mome
     model_std = curvature_std(fit, np.array([chamber]), s / arm.length)[0]
     view = MomentView(
         steady_state=steady_state,
-        arclength=s[:soft],
-        moment=((tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment)[:soft],
-        curvature=(curve.curvature * stretch)[:soft],
-        intrinsic=intrinsic[:soft],
-        std=np.hypot(curve.std_curvature, model_std)[:soft],
+        arclength=s,
+        moment=(tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment,
+        curvature=curve.curvature * stretch,
+        intrinsic=intrinsic,
+        std=np.hypot(curve.std_curvature, model_std),
         lines=(),
     )
     places = arm.target_arclength[np.isfinite(steady_state.x)]
