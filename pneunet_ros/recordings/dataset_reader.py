@@ -68,84 +68,19 @@ def read_run(
         RecordingError: a topic is missing or invalid, or no frame is left.
     """
     recording = open_recording(path)
-    sensors: list[Sensor[Any]] = [
-        PRESSURE,
-        TIP_POSE,
-        TARGETS,
-        *([END_WRENCH] if settings.wrench_required else []),
-    ]
-    topics: dict[str, str] = {}
-    for sensor in sensors:
-        required = sensor is TARGETS and TIP_POSE.name not in topics
-        topic = find_series(recording, sensor, overrides, required=required)
-        if topic is not None:
-            topics[sensor.name] = topic
-    by_string = None
-    if settings.wrench_required and END_WRENCH.name not in topics:
-        by_string = find_series(recording, STRING_WRENCH, overrides, required=False)
-    if by_string is not None:
-        topics[END_WRENCH.name] = by_string
-    series = read_series(recording, topics, settings, targets)
+    topics, by_string = _topics(recording, overrides, settings)
+    read = read_series(recording, topics, settings, targets)
     sentences = [*recording.sentences]
-    seen = series.get(TARGETS.name)
-    for name, item in tuple(series.items()):
-        if len(item.stamp_ns):
-            sentences += item.sentences()
-            continue
-        why = '; '.join(item.sentences()) or 'the topic is empty'
-        if name != TIP_POSE.name or seen is None or not len(seen.stamp_ns):
-            raise RecordingError(
-                f'{path}: {item.topic} contains nothing usable: {why}', reason='nothing_usable'
-            )
-        sentences.append(
-            Note(f'{item.topic} was not used, only targets: {why}', reason='nothing_usable')
-        )
-        del series[name], topics[name]
-
+    series = _without_empty(path, read, sentences)
     readings, wrench = series.get(PRESSURE.name), series.get(END_WRENCH.name)
+    poses = series.get(TIP_POSE.name)
     frames, points, pose = _frames(series, targets)
     keep = TARGETS.present(points)
     if pose is not None:
         keep |= TIP_POSE.present(pose)
     _say_left_out(sentences, frames, ~keep, 'no_target', 'no target was visible')
-    if readings is None:
-        sentences.append(
-            Note('there is no pressure topic: the pressure is taken as 0 Pa', reason='no_pressure')
-        )
-        reading = np.arange(len(frames.stamp_ns))
-    else:
-        reading, keep = _match(sentences, frames, readings, keep)
-        shown = frame_instants(frames.stamp_ns, readings.stamp_ns, reading)
-        jumped = keep & frames_in_jumps(shown, readings.stamp_ns, readings.values[:, 0])
-        _say_left_out(
-            sentences,
-            frames,
-            jumped,
-            'between_readings',
-            'the pressure jumped between two readings',
-        )
-        keep &= ~jumped
-    load, known = np.zeros((len(frames.stamp_ns), 3)), False
-    if wrench is not None:
-        at, keep = _match(sentences, frames, wrench, keep)
-        load = wrench.values[at]
-        known = by_string is not None or is_constant(wrench.values)
-        if known:
-            why = (
-                ('was computed from the pull of a string')
-                if by_string is not None
-                else 'never changes'
-            )
-            sentences.append(
-                Note(
-                    f'{wrench.topic} {why}: a known load, not measured by a sensor',
-                    reason='known_load',
-                )
-            )
-        if by_string is not None:  # its direction follows the tip
-            load = np.column_stack(
-                [interpolate(frames.stamp_ns, wrench.stamp_ns, one) for one in wrench.values.T]
-            )
+    reading, keep = _match_pressure(sentences, frames, readings, keep)
+    load, known, keep = _match_load(sentences, frames, wrench, by_string, keep)
     measured = read_gravity(recording, overrides, settings, gravity)
     if measured is not None:
         sentences += measured.sentences
@@ -174,7 +109,7 @@ def read_run(
         x=points[keep, 0],
         y=points[keep, 1],
         tip_pose=None if pose is None else pose[keep],
-        tip_frame=tip_frame(recording, topics.get(TIP_POSE.name), settings),
+        tip_frame=tip_frame(recording, None if poses is None else poses.topic, settings),
         gravity=None if measured is None else measured.at(frames.stamp_ns[keep]),
         gravity_stamp_ns=None if measured is None else measured.stamp_ns,
         gravity_read=None if measured is None else measured.direction,
@@ -199,6 +134,52 @@ def is_constant(values: Array) -> bool:
     return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 
 
+def _topics(
+    recording: Recording, overrides: Mapping[str, str], settings: EstimatorSettings
+) -> tuple[dict[str, str], bool]:
+    """Return the topic of each sensor, and whether that of the end wrench is a string's."""
+    sensors: list[Sensor[Any]] = [
+        PRESSURE,
+        TIP_POSE,
+        TARGETS,
+        *([END_WRENCH] if settings.wrench_required else []),
+    ]
+    topics: dict[str, str] = {}
+    for sensor in sensors:
+        required = sensor is TARGETS and TIP_POSE.name not in topics
+        topic = find_series(recording, sensor, overrides, required=required)
+        if topic is not None:
+            topics[sensor.name] = topic
+    if not settings.wrench_required or END_WRENCH.name in topics:
+        return topics, False
+    by_string = find_series(recording, STRING_WRENCH, overrides, required=False)
+    if by_string is None:
+        return topics, False
+    return topics | {END_WRENCH.name: by_string}, True
+
+
+def _without_empty(
+    path: str | Path, series: Mapping[str, ReadingSeries], sentences: list[str]
+) -> dict[str, ReadingSeries]:
+    """Return the series with readings; only a tip pose beside targets may have none."""
+    seen = series.get(TARGETS.name)
+    found: dict[str, ReadingSeries] = {}
+    for name, item in series.items():
+        if len(item.stamp_ns):
+            sentences += item.sentences()
+            found[name] = item
+            continue
+        why = '; '.join(item.sentences()) or 'the topic is empty'
+        if name != TIP_POSE.name or seen is None or not len(seen.stamp_ns):
+            raise RecordingError(
+                f'{path}: {item.topic} contains nothing usable: {why}', reason='nothing_usable'
+            )
+        sentences.append(
+            Note(f'{item.topic} was not used, only targets: {why}', reason='nothing_usable')
+        )
+    return found
+
+
 def _frames(
     series: Mapping[str, ReadingSeries], targets: int
 ) -> tuple[ReadingSeries, Array, Array | None]:
@@ -216,6 +197,49 @@ def _frames(
         return frames, frames.values, None
     at, matched = nearest(frames.stamp_ns, poses)
     return frames, frames.values, np.where(matched[:, None], poses.values[at], np.nan)
+
+
+def _match_pressure(
+    sentences: list[str],
+    frames: ReadingSeries,
+    readings: ReadingSeries | None,
+    keep: npt.NDArray[np.bool_],
+) -> tuple[Stamps, npt.NDArray[np.bool_]]:
+    """Return the pressure reading of each frame, and the remaining frames, outside of jumps."""
+    if readings is None:
+        sentences.append(
+            Note('there is no pressure topic: the pressure is taken as 0 Pa', reason='no_pressure')
+        )
+        return np.arange(len(frames.stamp_ns)), keep
+    reading, keep = _match(sentences, frames, readings, keep)
+    shown = frame_instants(frames.stamp_ns, readings.stamp_ns, reading)
+    jumped = keep & frames_in_jumps(shown, readings.stamp_ns, readings.values[:, 0])
+    why = 'the pressure jumped between two readings'
+    _say_left_out(sentences, frames, jumped, 'between_readings', why)
+    return reading, keep & ~jumped
+
+
+def _match_load(
+    sentences: list[str],
+    frames: ReadingSeries,
+    wrench: ReadingSeries | None,
+    by_string: bool,
+    keep: npt.NDArray[np.bool_],
+) -> tuple[Array, bool, npt.NDArray[np.bool_]]:
+    """Return the end load (frames, 3), whether it is a known one, and the remaining frames."""
+    if wrench is None:
+        return np.zeros((len(frames.stamp_ns), 3)), False, keep
+    at, keep = _match(sentences, frames, wrench, keep)
+    if not by_string and not is_constant(wrench.values):
+        return wrench.values[at], False, keep
+    why = 'was computed from the pull of a string' if by_string else 'never changes'
+    sentences.append(
+        Note(f'{wrench.topic} {why}: a known load, not measured by a sensor', reason='known_load')
+    )
+    if not by_string:
+        return wrench.values[at], True, keep
+    columns = [interpolate(frames.stamp_ns, wrench.stamp_ns, one) for one in wrench.values.T]
+    return np.column_stack(columns), True, keep  # its direction follows the tip
 
 
 def _match(
