@@ -16,7 +16,7 @@ from pneunet_ros.calibration.checks.preconditions import (
     largest_force,
     UNLOADED_FORCE,
 )
-from pneunet_ros.calibration.settings import judging
+from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
@@ -85,86 +85,108 @@ def run_reader(recording: Recording, request: UseRequest) -> Callable[[], Record
     return read
 
 
-def uses(
-    recording: Recording,
-    request: UseRequest,
-    verdicts: Verdicts,
-    reads_as_run: Callable[[], RecordingData],
-) -> dict[str, dict[str, Any]]:
-    """Return, for each use, whether the recording is suitable, with the reason or a remark."""
-    settings, overrides = request.settings, request.overrides
-    calibration = judging(settings.pressure if settings.judge_readings else None)
-    images = {topic.type for topic in recording.topics} & set(IMAGE_TYPES.values())
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UseAttempts:
+    """Attempts to use a recording, one per use: a remark, or the error of its verb.
 
-    def has(sensor: Sensor[Any]) -> bool:
-        return find_series(recording, sensor, overrides, required=False) is not None
+    reads_in_base: reads the recording as a run in the base frame, with facts about the frame in
+    which the tip pose was measured.
+    """
 
-    def check_readings(contradicted: Container[str]) -> None:
-        if verdicts.model_mismatch:
-            raise RecordingError(verdicts.model_mismatch, reason='strange_readings')
+    recording: Recording
+    request: UseRequest
+    verdicts: Verdicts
+    reads_in_base: Callable[[], tuple[RecordingData, tuple[str, ...]]]
+
+    @property
+    def overrides(self) -> Mapping[str, str]:
+        """The full topic name by last name."""
+        return self.request.overrides
+
+    @property
+    def calibration(self) -> CalibrationSettings:
+        """The settings of a calibration, in which readings are judged as in this check."""
+        settings = self.request.settings
+        return judging(settings.pressure if settings.judge_readings else None)
+
+    def has(self, sensor: Sensor[Any]) -> bool:
+        """Whether the recording has a topic of this sensor."""
+        return find_series(self.recording, sensor, self.overrides, required=False) is not None
+
+    def check_readings(self, contradicted: Container[str]) -> None:
+        """Raise RecordingError if the readings contradict the model."""
+        if self.verdicts.model_mismatch:
+            raise RecordingError(self.verdicts.model_mismatch, reason='strange_readings')
         if PRESSURE.name in contradicted or END_WRENCH.name in contradicted:
             raise RecordingError(
-                f'{verdicts.findings}; give {verdicts.options}', reason='strange_readings'
+                f'{self.verdicts.findings}; give {self.verdicts.options}',
+                reason='strange_readings',
             )
 
-    def replays() -> str:
-        find_series(recording, PRESSURE, overrides)
-        check_readings(verdicts.contradicted)
-        loaded = has(END_WRENCH)
-        replay_settings = replace(settings, wrench_required=loaded and settings.wrench_required)
-        estimator = Estimator(arm=request.arm, settings=replay_settings)
-        topics = input_topics(recording, estimator, overrides)
-        targets = targets_topic(recording, estimator, overrides)
-        check_estimates(steps(recording, estimator, topics, targets))
+    def replays(self) -> str:
+        """Replay until the first estimate, and decode the rest."""
+        find_series(self.recording, PRESSURE, self.overrides)
+        self.check_readings(self.verdicts.contradicted)
+        loaded = self.has(END_WRENCH)
+        settings = self.request.settings
+        settings = replace(settings, wrench_required=loaded and settings.wrench_required)
+        estimator = Estimator(arm=self.request.arm, settings=settings)
+        topics = input_topics(self.recording, estimator, self.overrides)
+        targets = targets_topic(self.recording, estimator, self.overrides)
+        check_estimates(steps(self.recording, estimator, topics, targets))
         # Decode every message that replay would, because an undecodable one ends it.
-        deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
+        every = [*topics, *([] if targets is None else [targets])]
+        deque(self.recording.messages(every), maxlen=0)
         return (
             '' if loaded else f'with --no-wrench-required, because there is no {END_WRENCH.name}'
         )
 
-    def tracks() -> str:
+    def tracks(self) -> str:
+        """Read images until the first readable one with its camera_info."""
+        overrides = self.overrides
+        images = {topic.type for topic in self.recording.topics} & set(IMAGE_TYPES.values())
         if 'image_raw' not in overrides and not images:
             raise RecordingError('there are no images', reason='no_images')
-        topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
-        find_info_topic(recording, topic, overrides.get('camera_info'))
+        topic = self.recording.find_any(
+            IMAGE_TYPES, overrides.get('image_raw'), label='with images'
+        )
+        find_info_topic(self.recording, topic, overrides.get('camera_info'))
         topics = {name: overrides[name] for name in TOPIC_NAMES if name in overrides}
-        check_images(open_images(recording.path, SourceRequest(topics=topics)))
+        check_images(open_images(self.recording.path, SourceRequest(topics=topics)))
         return ''
 
-    def fuses() -> str:
-        for topic in fusion_topics(recording, overrides, wrench=False):
-            next(iter(recording.messages([topic])), None)
+    def fuses(self) -> str:
+        """Read the first messages of a fusion."""
+        for topic in fusion_topics(self.recording, self.overrides, wrench=False):
+            next(iter(self.recording.messages([topic])), None)
         # A contradicted force sensor is left out.
-        check_readings(verdicts.contradicted.keys() - {END_WRENCH.name})
+        self.check_readings(self.verdicts.contradicted.keys() - {END_WRENCH.name})
         estimated = 'the tip force is estimated, because no sensor measures it'
-        return '' if has(END_WRENCH) else estimated
+        return '' if self.has(END_WRENCH) else estimated
 
-    @functools.cache
-    def in_base() -> tuple[RecordingData, tuple[str, ...]]:
-        (run,), found = in_base_frame([reads_as_run()], request.arm)
-        return run, found
-
-    def calibrates_unloaded() -> str:
-        find_series(recording, PRESSURE, overrides)
-        run, found = in_base()
-        arm, (data,) = with_tip_target(request.arm, [run])
+    def calibrates_unloaded(self) -> str:
+        """Check the recording as one without end load."""
+        find_series(self.recording, PRESSURE, self.overrides)
+        run, found = self.reads_in_base()
+        arm, (data,) = with_tip_target(self.request.arm, [run])
         idle = UNLOADED_FORCE * arm.weight
         if data.loaded and (force := largest_force(data)) > idle:
             raise RecordingError(
                 f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'
             )
-        checked_at_rest([data], [], arm, settings=calibration)
+        checked_at_rest([data], [], arm, settings=self.calibration)
         return by_tip(data, found)
 
-    def calibrates_loaded() -> str:
-        if not (has(END_WRENCH) or has(STRING_WRENCH)):
+    def calibrates_loaded(self) -> str:
+        """Check the recording as one under end load."""
+        if not (self.has(END_WRENCH) or self.has(STRING_WRENCH)):
             raise RecordingError(
                 'it has no end load, so it counts as unloaded. If a weight hung on the arm, add '
-                f'--end-load {recording.path} FX FY',
+                f'--end-load {self.recording.path} FX FY',
                 reason='not_loaded',
             )
-        run, found = in_base()
-        arm, (data,) = with_tip_target(request.arm, [run])
+        run, found = self.reads_in_base()
+        arm, (data,) = with_tip_target(self.request.arm, [run])
         check_targets(data, arm)
         check_units(data, arm)
         check_clamp(data, arm)
@@ -175,29 +197,45 @@ def uses(
                 reason='not_loaded',
             )
         check_rests_loaded(data, arm, 'a calibration')
-        return (
-            by_tip(data, found)
-            if data.pressurized
-            else (f'as a beam, because there is no {PRESSURE.name}')
-        )
+        if not data.pressurized:
+            return f'as a beam, because there is no {PRESSURE.name}'
+        return by_tip(data, found)
 
-    def diagnoses() -> str:
-        run, found = in_base()
-        arm, (data,), _, notes = with_tips(request.arm, [run], [])
+    def diagnoses(self) -> str:
+        """Check the recording as one for training."""
+        run, found = self.reads_in_base()
+        arm, (data,), _, notes = with_tips(self.request.arm, [run], [])
         check_targets(data, arm)
         if data.is_idle(arm.sensors):
-            at_rest(arm, [data.without_load()], [], (), calibration)
+            at_rest(arm, [data.without_load()], [], (), self.calibration)
         else:
             check_rests_loaded(data, arm, 'a diagnosis')
         return '; '.join((*notes, *found))
 
+
+def uses(
+    recording: Recording,
+    request: UseRequest,
+    verdicts: Verdicts,
+    reads_as_run: Callable[[], RecordingData],
+) -> dict[str, dict[str, Any]]:
+    """Return, for each use, whether the recording is suitable, with the reason or a remark."""
+
+    @functools.cache
+    def in_base() -> tuple[RecordingData, tuple[str, ...]]:
+        (run,), found = in_base_frame([reads_as_run()], request.arm)
+        return run, found
+
+    tried = UseAttempts(
+        recording=recording, request=request, verdicts=verdicts, reads_in_base=in_base
+    )
     attempts: dict[str, Callable[[], str]] = {
-        'replay': replays,
-        'replay --fuse': fuses,
-        'track': tracks,
-        'calibrate unloaded': calibrates_unloaded,
-        'calibrate loaded': calibrates_loaded,
-        'diagnose': diagnoses,
+        'replay': tried.replays,
+        'replay --fuse': tried.fuses,
+        'track': tried.tracks,
+        'calibrate unloaded': tried.calibrates_unloaded,
+        'calibrate loaded': tried.calibrates_loaded,
+        'diagnose': tried.diagnoses,
     }
     return {name: _answer(attempt) for name, attempt in attempts.items()}
 
