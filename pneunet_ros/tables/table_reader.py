@@ -60,6 +60,42 @@ class ImportRequest(TableRequest):
     rate: float | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ColumnsInSI:
+    """The columns of a table by quantity and target, to be read in SI with their offsets.
+
+    lines: line number of each row in the file. numbers: by the new names of the columns.
+    """
+
+    path: Path
+    lines: tuple[int, ...]
+    columns: Mapping[tuple[str, int | None], Column]
+    numbers: Mapping[str, Array]
+    offsets: Mapping[str, float]
+
+    @property
+    def targets(self) -> int:
+        """The number of targets, up to the highest id; 0 if no column is of a target."""
+        return 1 + max((target for _, target in self.columns if target is not None), default=-1)
+
+    def of(self, quantity: str, target: int | None = None) -> Array:
+        """Return a column in SI; NaN throughout if the column is missing."""
+        column = self.columns.get((quantity, target))
+        if column is None:
+            return np.full(len(self.lines), np.nan)
+        with np.errstate(over='ignore'):
+            values = self.numbers[column.name] + self.offsets.get(column.name, 0.0)
+            values = values * column.si_per_unit
+        if np.any(np.abs(values) > LARGEST):
+            line = self.lines[int(np.argmax(np.abs(values) > LARGEST))]
+            raise RecordingError(
+                f'{self.path}, line {line}, column {column.name}: a number beyond {LARGEST:g} in '
+                'SI',
+                reason='too_large',
+            )
+        return values
+
+
 def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[str, ...]]:
     """Return the readings in a table, and notes on ignored columns.
 
@@ -74,20 +110,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         )
     times = [STAMP, *(f'{TIME}_{unit}' for unit in SI_PER_UNIT['time'])]
     table = read_csv(path, request, times, lambda names: columns_of(_readings(names), str(path)))
-    sentences = [*table.sentences]
-    names = _readings(table.numbers)
-    if len(names) + (STAMP in table.numbers) < len(table.numbers):
-        sentences.append(
-            Note(
-                f'{path}: columns {ESTIMATE}... are not readings and were left out',
-                reason='estimates',
-            )
-        )
-    empty = [name for name in names if np.all(np.isnan(table.numbers[name]))]
-    if empty:
-        shown = listed(empty, NAMES_SHOWN)
-        sentences.append(Note(f'{path}: no row has a number in {shown}', reason='no_number'))
-    known = columns_of(names, str(path))
+    sentences = [*table.sentences, *_without_readings(path, table)]
+    known = columns_of(_readings(table.numbers), str(path))
     if request.missing is None:
         ask_for_placeholders(path, table.numbers, known, table.lines)
     numbers, count = without_placeholders(table.numbers, known, request.missing or ())
@@ -98,76 +122,18 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
                 f'{path}: {count} readings of {shown} were taken as missing', reason='placeholder'
             )
         )
+    _check_offsets(table, request.offsets)
     columns = {(item.quantity, item.target): item for item in known}
-    for name in request.offsets:
-        if name not in table.numbers or name == STAMP:
-            raise RequestError(
-                f'--offset {name}=: no such column was read', reason='unknown_column'
-            )
-        if not math.isfinite(request.offsets[name]):
-            raise RequestError(
-                f'--offset {name}={request.offsets[name]} is not a number', reason='not_a_number'
-            )
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
-
-    def si(quantity: str, target: int | None = None) -> Array:
-        """Return a column in SI; NaN throughout if the column is missing."""
-        column = columns.get((quantity, target))
-        if column is None:
-            return np.full(len(stamp_ns), np.nan)
-        with np.errstate(over='ignore'):
-            values = numbers[column.name] + request.offsets.get(column.name, 0.0)
-            values = values * column.si_per_unit
-        if np.any(np.abs(values) > LARGEST):
-            line = table.lines[int(np.argmax(np.abs(values) > LARGEST))]
-            raise RecordingError(
-                f'{path}, line {line}, column {column.name}: a number beyond {LARGEST:g} in SI',
-                reason='too_large',
-            )
-        return values
-
-    targets = [item.target for item in columns.values() if item.target is not None]
-    count = max(targets, default=-1) + 1
-    if count * len(stamp_ns) > MOST_PLACES:
-        raise RecordingError(
-            f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, because at '
-            f'most {MOST_PLACES} target positions can be read',
-            reason='too_large',
-        )
-    if targets and 0 not in targets:
-        sentences.append(
-            Note(
-                f'{path}: target 0 has no columns. Targets are numbered from 0 at the clamp: are '
-                'these numbered from 1?',
-                reason='no_clamp_target',
-            )
-        )
-    zero = np.zeros(len(stamp_ns))
-    along_axes: dict[str, Array] = {}
-    if any((name, None) in columns for name in OF_STRINGS):
-        strings = [si(name) if (name, None) in columns else zero for name in OF_STRINGS]
-        along_axes = dict(zip(IN_BASE, string_force(*strings), strict=True))
-
-    def values_of(sensor: Sensor[Any]) -> Array:
-        """Return the rows of a sensor; a component without a column is 0, None without any column.
-
-        If components of the sensor may be unknown, a missing one is NaN.
-        """
-        names = [item.name for item in sensor.components]
-        if sensor.per_target:
-            values = [[si(name, target) for target in range(count)] for name in names]
-            return np.array(values).reshape(len(names), count, len(stamp_ns)).transpose(2, 0, 1)
-        given = {name for name in names if name in along_axes or (name, None) in columns}
-        if not given:
-            return np.full((len(stamp_ns), len(names)), np.nan)
-        absent = np.full(len(stamp_ns), np.nan) if sensor.partial else zero
-        parts = [along_axes.get(n, si(n)) if n in given else absent for n in names]
-        return np.stack(parts, axis=1)
-
+    in_si = ColumnsInSI(
+        path=path, lines=table.lines, columns=columns, numbers=numbers, offsets=request.offsets
+    )
+    sentences += _check_targets(in_si)
+    along_axes = _along_axes(in_si)
     pressure = columns.get((PRESSURE.name, None))
     found = ReadingTable(
         stamp_ns=stamp_ns,
-        values={sensor.name: values_of(sensor) for sensor in SENSORS},
+        values={sensor.name: _rows_of(sensor, in_si, along_axes) for sensor in SENSORS},
         pressure_unit='Pa' if pressure is None else pressure_unit(pressure.si_per_unit),
         absolute=pressure is not None and names_absolute(table.written[pressure.name]),
     )
@@ -180,6 +146,80 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     if pressure is not None and found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
         sentences.append(_absolute(table.written[pressure.name], found))
     return found, tuple(sentences)
+
+
+def _without_readings(path: Path, table: CsvTable) -> list[Note]:
+    """Report columns that are not readings, or that have no number."""
+    names, notes = _readings(table.numbers), []
+    if len(names) + (STAMP in table.numbers) < len(table.numbers):
+        notes.append(
+            Note(
+                f'{path}: columns {ESTIMATE}... are not readings and were left out',
+                reason='estimates',
+            )
+        )
+    empty = [name for name in names if np.all(np.isnan(table.numbers[name]))]
+    if empty:
+        shown = listed(empty, NAMES_SHOWN)
+        notes.append(Note(f'{path}: no row has a number in {shown}', reason='no_number'))
+    return notes
+
+
+def _check_offsets(table: CsvTable, offsets: Mapping[str, float]) -> None:
+    """Reject an offset of a column that was not read, and one that is no number."""
+    for name, offset in offsets.items():
+        if name not in table.numbers or name == STAMP:
+            raise RequestError(
+                f'--offset {name}=: no such column was read', reason='unknown_column'
+            )
+        if not math.isfinite(offset):
+            raise RequestError(f'--offset {name}={offset} is not a number', reason='not_a_number')
+
+
+def _check_targets(in_si: ColumnsInSI) -> list[Note]:
+    """Reject more target positions than can be read; report that target 0 has no columns."""
+    targets, rows = in_si.targets, len(in_si.lines)
+    if targets * rows > MOST_PLACES:
+        raise RecordingError(
+            f'{in_si.path} has ids up to {targets - 1} in {rows} rows: split it, because at '
+            f'most {MOST_PLACES} target positions can be read',
+            reason='too_large',
+        )
+    if not targets or any(target == 0 for _, target in in_si.columns):
+        return []
+    return [
+        Note(
+            f'{in_si.path}: target 0 has no columns. Targets are numbered from 0 at the clamp: '
+            'are these numbered from 1?',
+            reason='no_clamp_target',
+        )
+    ]
+
+
+def _along_axes(in_si: ColumnsInSI) -> dict[str, Array]:
+    """Return F1, F2 (N) of string forces by column name; empty if no column has one."""
+    if not any((name, None) in in_si.columns for name in OF_STRINGS):
+        return {}
+    zero = np.zeros(len(in_si.lines))
+    strings = [in_si.of(name) if (name, None) in in_si.columns else zero for name in OF_STRINGS]
+    return dict(zip(IN_BASE, string_force(*strings), strict=True))
+
+
+def _rows_of(sensor: Sensor[Any], in_si: ColumnsInSI, along_axes: Mapping[str, Array]) -> Array:
+    """Return the rows of a sensor; a component without a column is 0, NaN without any column.
+
+    If components of the sensor may be unknown, a missing one is NaN.
+    """
+    names, rows = [item.name for item in sensor.components], len(in_si.lines)
+    if sensor.per_target:
+        values = [[in_si.of(name, target) for target in range(in_si.targets)] for name in names]
+        return np.array(values).reshape(len(names), in_si.targets, rows).transpose(2, 0, 1)
+    given = {name for name in names if name in along_axes or (name, None) in in_si.columns}
+    if not given:
+        return np.full((rows, len(names)), np.nan)
+    absent = np.full(rows, np.nan if sensor.partial else 0.0)
+    parts = [along_axes.get(n, in_si.of(n)) if n in given else absent for n in names]
+    return np.stack(parts, axis=1)
 
 
 def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
