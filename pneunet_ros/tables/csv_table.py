@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 import csv
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -77,6 +77,23 @@ class CsvTable:
     clock: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Header:
+    """The line of names: its cells as in the file, and renamed; the separator, and what follows.
+
+    above: number of lines of the file above this line; preamble: the lines below it, as far as
+    they were read to understand it; reader: all rows below it.
+    """
+
+    names: list[str]
+    renamed: list[str]
+    mark: str
+    above: int
+    preamble: list[str]
+    has_units: bool
+    reader: Iterator[list[str]]
+
+
 def read_csv(
     path: Path,
     request: TableRequest,
@@ -129,6 +146,53 @@ def _read(
     check_names: Callable[[Collection[str]], object],
     size: int,
 ) -> CsvTable:
+    header = _read_header(path, stream, request)
+    places = _places(path, header, request)
+    _check_places(path, header, places, check_names)
+    numbers = {name: array('d') for name in places}  # 8 bytes a number
+    exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
+    lines: list[int] = []
+    decimals: dict[str, str] = {}
+    clock = Clock()
+    left_out: list[str] = []
+    rows = _rows(path, header, cut, left_out)
+    if header.has_units:
+        next(rows)
+    for line, cells in _selected(path, header, request, rows):
+        _check_size(path, len(lines) + 1, len(places))
+        lines.append(line)
+        if len(lines) % STEP == 0:
+            report_progress(f'reading {path.name}', stream.buffer.tell(), size)
+        for name, place in places.items():
+            written = cells[place].strip()
+            _check_decimals(path, line, written, decimals)
+            if name == CLOCK and ':' in written:
+                text = clock.seconds(written, line)
+            else:
+                text = plain_number(written, header.mark)
+            numbers[name].append(_number(path, line, name, text))
+            if name in exactly:
+                exactly[name].append(_exact(path, line, name, text))
+    clock.check(path)
+    shifts = clock.shifts()
+    for row, line in enumerate(lines if shifts else ()):
+        numbers[CLOCK][row] += shifts.get(line, 0)
+        before = exactly[CLOCK][row] if CLOCK in exactly else None
+        if before is not None:
+            exactly[CLOCK][row] = before + shifts.get(line, 0)
+    file_names = {name: header.renamed[place] for name, place in places.items()}
+    return CsvTable(
+        numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
+        exact={name: tuple(values) for name, values in exactly.items()},
+        lines=tuple(lines),
+        sentences=(*_spelling(path, file_names), *left_out, *clock.sentences(path)),
+        written=file_names,
+        clock=clock.latest is not None,
+    )
+
+
+def _read_header(path: Path, stream: TextIO, request: TableRequest) -> _Header:
+    """Read the line of names, with the line of units below it, if there is one."""
     given, above = lines_from_names(path, _lines(path, stream), request)
     first = next(given, '')
     separator = _SEPARATOR.fullmatch(first)
@@ -139,18 +203,33 @@ def _read(
     mark = delimiter(first) if separator is None else separator['mark']
     preamble = list(itertools.islice(given, LONGEST_PREAMBLE))
     reader = csv.reader(itertools.chain([first], preamble, given), strict=True, delimiter=mark)
-    header = [name.strip() for name in next(reader, [])]
+    names = [name.strip() for name in next(reader, [])]
     below = next(filter(str.strip, preamble), '') if reader.line_num == 1 else ''
-    units = units_below(header, next(csv.reader([below], delimiter=mark), []), request)
-    renamed = renamed_columns(header, units, request)
-    check_header(path, header, units, renamed, request)
-    standard = [standard_name(name) for name in renamed]
+    units = units_below(names, next(csv.reader([below], delimiter=mark), []), request)
+    renamed = renamed_columns(names, units, request)
+    check_header(path, names, units, renamed, request)
+    return _Header(
+        names=names,
+        renamed=renamed,
+        mark=mark,
+        above=above,
+        preamble=preamble,
+        has_units=bool(units),
+        reader=reader,
+    )
+
+
+def _places(path: Path, header: _Header, request: TableRequest) -> dict[str, int]:
+    """Return the places of the columns to be read, by their standard names."""
+    standard = [standard_name(name) for name in header.renamed]
     unread = {
         place
-        for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True))
+        for place, (name, *new) in enumerate(
+            zip(header.names, header.renamed, standard, strict=True)
+        )
         if not name or {name, *new} & set(request.ignore) or name in request.select
     }
-    standard = with_clock(standard, unread, preamble, mark)
+    standard = with_clock(standard, unread, header.preamble, header.mark)
     places: dict[str, int] = {}
     for place, name in enumerate(standard):
         if place in unread:
@@ -161,69 +240,54 @@ def _read(
                 reason='given_twice',
             )
         places[name] = place
+    return places
+
+
+def _check_places(
+    path: Path,
+    header: _Header,
+    places: Mapping[str, int],
+    check_names: Callable[[Collection[str]], object],
+) -> None:
+    """Check the names; if they are refused, because of the form of the table if possible."""
     try:
         check_names(places)
     except RecordingError:
-        check_no_preamble(path, len(header), preamble, above + 1)
-        check_separated(path, header)
-        ask_about_time(path, places, preamble, mark)
+        check_no_preamble(path, len(header.names), header.preamble, header.above + 1)
+        check_separated(path, header.names)
+        ask_about_time(path, places, header.preamble, header.mark)
         raise
     if not places:
-        check_no_preamble(path, len(header), preamble, above + 1)
-    selected = {header.index(name): (name, text) for name, text in request.select.items()}
-    numbers = {name: array('d') for name in places}  # 8 bytes a number
-    exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
-    lines: list[int] = []
+        check_no_preamble(path, len(header.names), header.preamble, header.above + 1)
+
+
+def _selected(
+    path: Path, header: _Header, request: TableRequest, rows: Iterable[tuple[int, list[str]]]
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows with the selected texts; RecordingError if there is none."""
+    selected = {header.names.index(name): text for name, text in request.select.items()}
     other_values: dict[str, None] = {}
-    decimals: dict[str, str] = {}
-    clock = Clock()
-    left_out: list[str] = []
-    rows = _rows(path, reader, len(header), mark, above, cut, left_out)
-    if units:
-        next(rows)
+    is_empty = True
     for line, cells in rows:
-        if any(cells[place].strip() != text for place, (_, text) in selected.items()):
+        if any(cells[place].strip() != text for place, text in selected.items()):
             other_values.update({', '.join(cells[place].strip() for place in selected): None})
             continue
-        if len(lines) == MOST_ROWS:
-            raise RecordingError(
-                f'{path} has more than {MOST_ROWS} rows: split it', reason='too_large'
-            )
-        if (len(lines) + 1) * len(places) > MOST_CELLS:
-            raise RecordingError(
-                f'{path} has more than {MOST_CELLS} cells: split it', reason='too_large'
-            )
-        lines.append(line)
-        if len(lines) % STEP == 0:
-            report_progress(f'reading {path.name}', stream.buffer.tell(), size)
-        for name, place in places.items():
-            written = cells[place].strip()
-            _check_decimals(path, line, written, decimals)
-            if name == CLOCK and ':' in written:
-                text = clock.seconds(written, line)
-            else:
-                text = plain_number(written, mark)
-            numbers[name].append(_number(path, line, name, text))
-            if name in exactly:
-                exactly[name].append(_exact(path, line, name, text))
-    if not lines:
+        is_empty = False
+        yield line, cells
+    if is_empty:
         _no_rows(path, request, list(other_values))
-    clock.check(path)
-    shifts = clock.shifts()
-    for row, line in enumerate(lines if shifts else ()):
-        numbers[CLOCK][row] += shifts.get(line, 0)
-        before = exactly[CLOCK][row] if CLOCK in exactly else None
-        if before is not None:
-            exactly[CLOCK][row] = before + shifts.get(line, 0)
-    file_names = {name: renamed[place] for name, place in places.items()}
-    return CsvTable(
-        numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
-        exact={name: tuple(values) for name, values in exactly.items()},
-        lines=tuple(lines),
-        sentences=(*_spelling(path, file_names), *left_out, *clock.sentences(path)),
-        written=file_names,
-        clock=clock.latest is not None,
-    )
+
+
+def _check_size(path: Path, rows: int, columns: int) -> None:
+    """Reject a table with too many rows or cells."""
+    if rows > MOST_ROWS:
+        raise RecordingError(
+            f'{path} has more than {MOST_ROWS} rows: split it', reason='too_large'
+        )
+    if rows * columns > MOST_CELLS:
+        raise RecordingError(
+            f'{path} has more than {MOST_CELLS} cells: split it', reason='too_large'
+        )
 
 
 def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -> None:
@@ -269,26 +333,21 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 
 def _rows(
-    path: Path,
-    reader: Iterator[list[str]],
-    columns: int,
-    mark: str,
-    above: int,
-    cut: bool,
-    left_out: list[str],
+    path: Path, header: _Header, cut: bool, left_out: list[str]
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield rows of this many cells with their line numbers; skips empty lines.
+    """Yield rows of as many cells as names with their line numbers; skips empty lines.
 
-    above: number of lines of the file above these lines. cut: whether the file ends without a
-    newline. left_out: notes on comments and on an incomplete last row are appended.
+    cut: whether the file ends without a newline. left_out: notes on comments and on an incomplete
+    last row are appended.
     """
+    reader, columns = header.reader, len(header.names)
     comments: list[int] = []
     # Length of the last cell of this row and of the shortest above: a number may be cut off too.
     digits, before, shortest = 0, math.inf, math.inf
     for cells in reader:
         if not any(cell.strip() for cell in cells):
             continue
-        line = above + getattr(reader, 'line_num', 0)
+        line = header.above + getattr(reader, 'line_num', 0)
         if cells[0].startswith('# ') or (len(cells) != columns and cells[0].startswith('#')):
             comments.append(line)
         elif len(cells) < columns and cut and next(reader, None) is None:
@@ -302,7 +361,7 @@ def _rows(
             noun = 'cell' if len(cells) == 1 else 'cells'
             raise RecordingError(
                 f'{path}, line {line}: {len(cells)} {noun}, but there are {columns} columns; '
-                f'{_RULES[mark]}',
+                f'{_RULES[header.mark]}',
                 reason='wrong_shape',
             )
         else:
