@@ -80,7 +80,8 @@ class FrameUpdate:
     ambiguous: whether another force explains the frame equally well; settled: whether this is
     already known, because the search used every cold start, or a sensor measures the force.
     unchecked: the fit whose alternatives have not been searched yet, None if there is none. fit:
-    the fit itself, even if the frame was not used.
+    the fit itself, even if the frame was not used; held: that with the undetermined force at its
+    prior, if the belief uses it.
     """
 
     belief: Belief | None
@@ -92,6 +93,12 @@ class FrameUpdate:
     settled: bool = False
     unchecked: Fit | None = None
     fit: Fit | None = None
+    held: Fit | None = None
+
+    @property
+    def evident(self) -> Fit | None:
+        """The fit for the evidence: close to buckling, the best fit is sharp by noise alone."""
+        return self.held or self.fit
 
 
 def take_frame(
@@ -191,6 +198,7 @@ def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdat
         coordinates=fit.trial.residual.size,
         left_out=seen - int(np.count_nonzero(problem.used)),
         fit=best,
+        held=None if used is best or problem.swinging is not None else used,
     )
 
 

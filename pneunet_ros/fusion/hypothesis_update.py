@@ -66,7 +66,7 @@ class HypothesisUpdate:
     @property
     def log_evidence(self) -> float:
         """Log likelihood of the frame, up to a constant; -inf if nothing fits."""
-        fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
+        fit, seen = self.update.evident, int(np.count_nonzero(self.problem.used))
         return -math.inf if fit is None else -0.5 * evidence_cost(fit, seen)
 
     @property
