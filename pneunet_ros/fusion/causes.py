@@ -59,12 +59,15 @@ class Cause(abc.ABC):
     """A cause of error that a hypothesis may include.
 
     sentence: what to fix on the rig. rarity: prior log odds against the cause, in units of
-    `odds_against`; more than 1 if a model error looks similar.
+    `odds_against`; more than 1 if a model error looks similar. hidden_at_rest: whether frames of
+    an arm at rest say nothing of it: then it is a rival from the first frame on, and if it is
+    believed, so is its end.
     """
 
     name: ClassVar[str]
     sentence: ClassVar[str]
     rarity: ClassVar[float] = 1.0
+    hidden_at_rest: ClassVar[bool] = False
 
     def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
         """Return the log odds of the cause from the belief after all frames so far."""
@@ -344,6 +347,7 @@ class MirroredCause(Cause):
     """The image is mirrored, by a mirror in front of the camera or by its driver."""
 
     name: ClassVar = MIRRORED
+    hidden_at_rest: ClassVar = True
     sentence: ClassVar = (
         'the image is mirrored: the arm bends to the wrong side. Flip the image in '
         'the camera driver, or calibrate base_from_camera again, and reset'
@@ -360,8 +364,9 @@ class MirroredCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try the mirrored targets."""
-        yield update_from(model, updated, replace_causes(updated.before, MIRRORED)), 0.0
+        """Try the targets on the other side of the arm's axis, as in no mirror or in one."""
+        before = updated.before
+        yield update_from(model, updated, replace(before, causes=before.causes ^ {MIRRORED})), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -100,6 +100,9 @@ def weigh(
     weighed = [(updated, leading.log_weight)]
     by = update_with_likeliest_walk if is_due(state) else update_with_walk
     weighed += [(by(model, updated.frame, one.belief), one.log_weight) for one in other_hypotheses]
+    if not updated.before.frames and is_due(state):
+        for cause in CAUSES:
+            weighed += with_cause(model, cause, weighed[0]) if cause.hidden_at_rest else []
     best = best_of(weighed)
     # A frame that does not fit must not wait for its cause, unless none has fitted ever.
     if is_due(state) or (best[0].update.fit is not None and best[0].before.frames):
@@ -264,7 +267,9 @@ def cause_alternatives(
 ) -> list[Alternative]:
     """Return updates with each possible cause, and with a reset belief if frames are lost."""
     base = without_touch(weighed, best)
-    found = all_alternatives(model, base)
+    found = [
+        one for side in (base, *other_side(weighed, base)) for one in all_alternatives(model, side)
+    ]
     if state.counts.lost >= FRAMES_LOST and best_of([*weighed, *found])[0].misfits:
         updated, weight = base
         unknowns = model.of(state.lasting).unknowns
@@ -283,9 +288,21 @@ def all_alternatives(model: PreparedModel, base: Alternative) -> list[Alternativ
     return [
         one
         for cause in CAUSES
-        if cause.name not in updated.before.causes and cause.is_possible(model, updated)
+        if (cause.hidden_at_rest or cause.name not in updated.before.causes)
+        and cause.is_possible(model, updated)
         for one in with_cause(model, cause, base)
     ]
+
+
+def other_side(weighed: list[Alternative], base: Alternative) -> list[Alternative]:
+    """Return the best hypothesis that differs from another in what an arm at rest hides, if any.
+
+    Until the arm bends, a further cause such as other targets fits with either of them.
+    """
+    hidden = {cause.name for cause in CAUSES if cause.hidden_at_rest}
+    own = base[0].after.causes & hidden
+    others = [one for one in weighed if one[0].after.causes & hidden != own]
+    return [best_of(others)] if others else []
 
 
 def without_touch(weighed: list[Alternative], best: Alternative) -> Alternative:

@@ -277,6 +277,22 @@ def test_a_row_that_is_painted_closer_lies_on_the_arc_and_not_on_its_tangent():
     assert rms(force[known]) < 8e-3
 
 
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_a_row_beside_the_neutral_line_is_not_a_mirrored_image(side):
+    """A straight arm has its row nearer to where it was, half a millimeter aside, in a mirror."""
+    truth, places = recorded().truth, recorded().scenario.arm.targets
+
+    def beside(frame, seen):
+        theta = np.interp(places, truth.arclength, truth.theta[frame])
+        off = side * 3e-3
+        return replace(seen, x=seen.x - off * np.sin(theta), y=seen.y + off * np.cos(theta))
+
+    painted = truth.placement.T + np.array([[0.0], [-side * 0.5e-3]])
+    found = fuse(with_placement(painted.ravel()), change=beside, frames=range(24))
+    assert found.state.certain_causes == {TARGETS}
+    assert rms(found.tip_error) < 1e-3
+
+
 def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
     moved, by = 12, 3e-4
 
@@ -1035,7 +1051,7 @@ def test_a_frame_between_rare_readings_is_known_by_both_once_they_are_there():
     assert covered(found.tip_error[read], covariance) > 0.8
 
 
-@pytest.mark.parametrize(('first', 'since'), [(40, 0), (0, 60)])
+@pytest.mark.parametrize(('first', 'since'), [(0, 0), (10, 0), (40, 0), (0, 60)])
 def test_a_mirrored_image_is_told_and_the_shape_is_right(first, since):
     def mirrored(frame, seen):
         return replace(seen, y=-seen.y) if frame >= since else seen
@@ -1043,3 +1059,14 @@ def test_a_mirrored_image_is_told_and_the_shape_is_right(first, since):
     found = fuse(change=mirrored, frames=range(first, 80))
     assert found.state.certain_causes == {'mirrored'}
     assert found.tip_covered() > 0.9
+
+
+@pytest.mark.parametrize('frames', [range(60, 61), range(60, 120)])
+def test_an_image_that_is_mirrored_for_a_while_is_believed_for_as_long(frames):
+    found = fuse(
+        change=lambda frame, seen: replace(seen, y=-seen.y) if frame in frames else seen,
+        frames=range(frames.stop + 20),
+    )
+    assert not found.state.certain_causes
+    assert found.tip_covered() > 0.9
+    assert np.hypot(*found.tip_error[-20:].T).max() < 1e-3
