@@ -16,6 +16,7 @@ from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.inference.adequacy import chi_square_limit
+from pneunet_ros.solver.solution import SolverNodes
 
 START_DIRECTIONS = 8  # directions of the cold starts, around the circle
 START_FORCES = (0.3, 0.9)  # of the force scale; cold starts in all directions, besides zero force
@@ -137,8 +138,26 @@ def take_frame(
 
 def follow(problem: FrameProblem) -> Fit | None:
     """Return the fit near the last shape, without the targets that do not fit the others."""
-    found = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
+    found = search(problem, np.zeros(problem.root.shape[1]), problem.prior.solution)
     return None if found is None else leave_out(problem, found)
+
+
+def search(
+    problem: FrameProblem, xi: Array, start: SolverNodes | None
+) -> FrameLinearization | None:
+    """Search from xi; past buckling, where a step along a straight arm ends, with its force held.
+
+    Otherwise all other unknowns would stay where that force has stopped them.
+    """
+    found = problem.search(xi, start)
+    if found is None or problem.swinging is not None or found.gain <= problem.settings.small_gain:
+        return found
+    held = with_force_held((problem, found))
+    again = None if held is None else held.search(np.zeros(xi.size), problem.prior.solution)
+    if again is None or again.cost >= found.cost:
+        return found
+    trial = problem.try_at(again.trial.xi, again.trial.bent.solution)
+    return None if trial is None else problem.linearize(trial) or found
 
 
 def evidence_cost(fit: Fit, seen: int) -> float:
@@ -236,7 +255,7 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
         used = problem.used.copy()
         used[np.flatnonzero(used)[worst]] = False
         without = replace(problem, used=used)
-        again = without.search(fit.trial.solved, fit.trial.bent.solution)
+        again = search(without, fit.trial.solved, fit.trial.bent.solution)
         if again is None:
             break
         problem, fit = without, again
@@ -255,15 +274,10 @@ def hold_force(found: Fit) -> Fit:
         return found if problem.late is None else consider_force(found)
     if problem.force_is_known(fit, problem.settings.determined):
         return found
-    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
-    variances, axes = np.linalg.eigh(fit.force)
-    unknown = axes[:, variances > largest**2]
-    if not unknown.size:
+    held = with_force_held(found)
+    if held is None:
         return found
-    along = np.linalg.qr(problem.root[problem.unknowns.at(TipForce)].T @ unknown)[0]
-    root = problem.root - (problem.root @ along) @ along.T
-    held = replace(problem, prior=replace(problem.prior, root=root))
-    again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
+    again = held.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
     if again is None or again.cost > fit.cost + problem.settings.flat**2:
         return found
     linear = problem.linearize(again.trial)
@@ -273,6 +287,19 @@ def hold_force(found: Fit) -> Fit:
     ):
         return found
     return problem, linear
+
+
+def with_force_held(found: Fit) -> FrameProblem | None:
+    """Return the problem with the undetermined direction of the force held; None without one."""
+    problem, fit = found
+    largest = problem.settings.determined * problem.unknowns.block(TipForce).scale
+    variances, axes = np.linalg.eigh(fit.force)
+    unknown = axes[:, variances > largest**2]
+    if not unknown.size:
+        return None
+    along = np.linalg.qr(problem.root[problem.unknowns.at(TipForce)].T @ unknown)[0]
+    root = problem.root - (problem.root @ along) @ along.T
+    return replace(problem, prior=replace(problem.prior, root=root))
 
 
 def consider_force(found: Fit) -> Fit:
@@ -406,7 +433,7 @@ def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, 
 
 def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | None:
     """Search from a trial."""
-    return problem.search(trial.xi, trial.bent.solution)
+    return search(problem, trial.xi, trial.bent.solution)
 
 
 def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:

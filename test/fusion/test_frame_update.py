@@ -16,6 +16,7 @@ from pneunet_ros.fusion.frame_update import (
     compared,
     excess,
     leave_out,
+    search,
     take_frame,
     with_belief,
 )
@@ -41,32 +42,42 @@ def moved(problem: FrameProblem, target: int, by: float) -> FrameProblem:
     return replace(problem, sightings=replace(problem.sightings, y=y))
 
 
-@pytest.fixture(scope='module')
-def problem() -> FrameProblem:
-    """Return the last of a few frames of a loaded arm, as the fusion asks of it."""
-    fusion = Fusion(arm=load_model(share_path('config/lab_arm.yaml')))
+def asked(pressure: float, force: tuple[float, float], frames: int, closer: float) -> FrameProblem:
+    """Return the problem of the last of a few frames of an arm, as the fusion poses it first.
+
+    closer: spacing of the painted row relative to that of the model, which does not know it.
+    """
+    arm = load_model(share_path('config/lab_arm.yaml'))
+    fusion = Fusion(arm=arm if closer == 1.0 else replace(arm, covariance=None))
     targets, random = fusion.arm.target_arclength, np.random.default_rng(5)
-    shape = solve(fusion.arm, pressure=PRESSURE, force=FORCE)
-    asked: list[FrameProblem] = []
+    shape = solve(fusion.arm, pressure=pressure, force=force)
+    problems: list[FrameProblem] = []
 
     def noted(problem, **options):
-        asked.append(problem)
+        problems.append(problem)
         return take_frame(problem, **options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hypothesis_update, 'take_frame', noted)
         state, nothing = FusionState(), np.full(targets.size, np.nan)
-        for frame in range(FRAMES):
+        for frame in range(frames):
+            problems.clear()
             stamp = 1_000_000_000 + 33_000_000 * frame
             x, y = (
-                np.interp(targets, shape.arclength, row)
+                np.interp(closer * targets, shape.arclength, row)
                 + fusion.arm.sensors.target_std * random.standard_normal(targets.size)
                 for row in (shape.x, shape.y)
             )
             seen = TargetSightings(stamp_ns=stamp, x=x, y=y, **dict.fromkeys(NAMES, nothing))
-            state, _ = fusion.step(state, PressureReading(stamp_ns=stamp, pressure=PRESSURE))
+            state, _ = fusion.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
             state, _ = fusion.step(state, seen)
-    return asked[-1]
+    return problems[0]
+
+
+@pytest.fixture(scope='module')
+def problem() -> FrameProblem:
+    """Return a frame of a loaded arm, behind a few others."""
+    return asked(PRESSURE, FORCE, FRAMES, closer=1.0)
 
 
 def fitted(problem: FrameProblem) -> FrameLinearization:
@@ -115,6 +126,15 @@ def test_nothing_nearby_costs_less(problem):
     for _ in range(20):
         xi = fit.trial.xi + 0.05 * random.standard_normal(fit.trial.xi.size)
         assert problem.try_at(xi, fit.trial.bent.solution).cost > fit.cost - 1e-6
+
+
+def test_no_search_along_a_straight_arm_ends_where_it_would_buckle():
+    """Nothing shows the force along it, and all else is found from any such force."""
+    straight = asked(0.0, (0.0, 0.0), 1, closer=0.97)
+    found = [
+        search(straight, trial.xi, trial.bent.solution) for trial in cold_starts(straight)[:6]
+    ]
+    assert [fit.cost for fit in found] == pytest.approx([found[0].cost] * 6, abs=1.0)
 
 
 def test_the_posterior_is_that_of_the_information_form(problem):
