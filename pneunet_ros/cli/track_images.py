@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 import time
 from typing import Any
@@ -38,20 +40,118 @@ from pneunet_ros.recordings.images.image_stream import ImageStream
 from pneunet_ros.recordings.recording_writer import check_name, RecordingWriter, write_recording
 from pneunet_ros.tables.table_writer import write_table
 from pneunet_ros.vision.camera.camera_settings import CameraSettings, PosePlane, RestPlane
-from pneunet_ros.vision.tracker import Tracker, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
+from rich.progress import Progress, TaskID
 
 CAMERA = 'config/camera.yaml'
 PREVIEWS = ('.png', '.html')
 Follower = Callable[[TrackStep], None]
 
 
+@dataclass(slots=True, kw_only=True, eq=False)
+class StepLog:
+    """Where the steps of a tracking go, and what they leave.
+
+    followers: called with every step; on_tracking: with every outcome that is a tracking.
+    rejected: stamps of the frames with another outcome. times (s): of the start and of each frame.
+    """
+
+    followers: Sequence[Follower]
+    on_tracking: Sequence[Callable[[Tracking], None]]
+    rejected: list[int] = field(default_factory=list)
+    times: list[float] = field(default_factory=lambda: [time.perf_counter()])
+
+    def add(self, step: TrackStep) -> None:
+        """Take the next step."""
+        for follow in self.followers:
+            follow(step)
+        if isinstance(step.outcome, Tracking):
+            for take in self.on_tracking:
+                take(step.outcome)
+        elif step.outcome is not None:
+            self.rejected.append(step.outcome.stamp_ns)
+        if step.frame:
+            self.times.append(time.perf_counter())
+
+    @property
+    def rate(self) -> float:
+        """Frames per second, 0 without any.
+
+        The median leaves out the first frames, in which kernels may have to be compiled.
+        """
+        return 1.0 / float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
+
+
 def track(arguments: Namespace) -> int:
     """Track the images and summarize."""
     arm = verb.model_of(arguments)
-    settings = load_camera(arguments.camera or share_path(CAMERA))
-    if arguments.clamp_pixel is not None:
-        settings = replace(settings, clamp_pixel=tuple(arguments.clamp_pixel))
+    settings = camera_of(arguments)
     check_request(arguments, settings)
+    stream = open_stream(arguments, settings)
+    readings = film_readings(arguments, stream)
+    objections, hints = unit_objections(readings.table, arguments) if readings else ((), ())
+    tracker = Tracker(arm=arm, settings=settings)
+    tally = TrackTally(targets=arm.target_arclength.size)
+    sentences = stream.recording.sentences if stream.recording is not None else ()
+    film: dict[str, Any] = {}
+    with ExitStack() as stack:
+        # The preview is written even if nothing else is, because it shows why.
+        previews = preview_followers(arguments, stack, stream, arm, film)
+        stack.enter_context(written_together())
+        tabulate = table_writer(arguments, stack)
+        bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
+        task = bar.add_task('looking for the arm at rest', total=stream.frames)
+        start, note = look_for_rest(stream, tracker, previews, partial(bar.advance, task))
+        bar.reset(task, description='tracking')
+        if note:
+            sentences = (*sentences, note)
+        trackings: list[Tracking] = []
+        log = StepLog(
+            followers=[tally.count, *previews, progress_follower(bar, task, tally)],
+            on_tracking=[trackings.append] if readings is not None else tabulate,
+        )
+        if arguments.output is None or readings is not None:
+            for step in track_steps(stream, tracker, start=start):
+                log.add(step)
+        else:
+            writer = stack.enter_context(output_writer(arguments))
+            left_out = record_tracking(
+                writer, stream, tracker, BASE_FRAME, arguments.with_images, log.add, start
+            )
+            sentences = (*sentences, *left_out)
+        check_row_order(tracker, tally)
+        sentences = (*sentences, *tally.notes)
+        if readings is not None:
+            bar.update(task, description='matching film and table')
+            run_, found = joined(readings, trackings, arm, log.rejected)
+            film.update(found)
+            sentences = (*objections, *hints, *sentences, *readings.sentences)
+            if run_ is not None:
+                record_film(stack.enter_context(output_writer(arguments)), run_)
+                for tracking, take in product(run_.trackings, tabulate):
+                    take(tracking)
+        seconds = time.perf_counter() - log.times[0]
+    summary = summary_of(arguments, arm, stream, tally) | film
+    summary |= {'seconds': seconds, 'frames_per_second': log.rate, 'sentences': list(sentences)}
+    if isinstance(settings.plane, RestPlane):
+        summary['rest_bow'] = tally.rest_bow
+    if film and not film['frames_covered']:
+        summary['output'] = None
+    verb.present(arguments, summary, lambda console: show(summary, console))
+    done = tally.explained and film.get('frames_covered', 1) and not objections
+    return verb.DONE if done else verb.NEGATIVE
+
+
+def camera_of(arguments: Namespace) -> CameraSettings:
+    """Load the camera file, with the pixel of the clamp if it was given."""
+    settings = load_camera(arguments.camera or share_path(CAMERA))
+    if arguments.clamp_pixel is None:
+        return settings
+    return replace(settings, clamp_pixel=tuple(arguments.clamp_pixel))
+
+
+def open_stream(arguments: Namespace, settings: CameraSettings) -> ImageStream:
+    """Open the images; RequestError if they were turned, but the camera reads row by row."""
     request = SourceRequest(
         camera_info=arguments.camera_info,
         rate=arguments.rate,
@@ -67,89 +167,28 @@ def track(arguments: Namespace) -> int:
             '-auto-orient) and, if turned by 180 deg, the readout be negative',
             reason='not_supported',
         )
-    readings = film_readings(arguments, stream)
-    objections: tuple[str, ...] = ()
-    hints: tuple[str, ...] = ()
-    if readings is not None:
-        objections, hints = unit_objections(readings.table, arguments)
-    tracker = Tracker(arm=arm, settings=settings)
-    tally = TrackTally(targets=arm.target_arclength.size)
-    sentences = stream.recording.sentences if stream.recording is not None else ()
-    film: dict[str, Any] = {}
-    with ExitStack() as stack:
-        # The preview is written even if nothing else is, because it shows why.
-        previews = preview_followers(arguments, stack, stream, arm, film)
-        stack.enter_context(written_together())
-        tabulate = table_writer(arguments, stack)
-        trackings: list[Tracking] = []
-        rejected: list[int] = []
-        on_tracking = [trackings.append] if readings is not None else tabulate
-        followers = [tally.count, *previews]
-        bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
-        task = bar.add_task('looking for the arm at rest', total=stream.frames)
-        last_step: list[TrackStep] = []
+    return stream
 
-        def on_frame(step: TrackStep) -> None:
-            last_step[:] = [step]
-            bar.advance(task)
 
-        try:
-            start, note = look_ahead(stream, tracker, on_frame)
-        except CameraError:
-            for preview in previews:
-                preview(last_step[0])
-            raise
-        bar.reset(task, description='tracking')
-        if note:
-            sentences = (*sentences, note)
-        times = [time.perf_counter()]
+def look_for_rest(
+    stream: ImageStream,
+    tracker: Tracker,
+    previews: Sequence[Follower],
+    on_frame: Callable[[], object],
+) -> tuple[TrackerState, str]:
+    """Look ahead for the arm at rest; preview the last frame if this fails."""
+    last_step: list[TrackStep] = []
 
-        def on_progress(step: TrackStep) -> None:
-            for follow in followers:
-                follow(step)
-            if isinstance(step.outcome, Tracking):
-                for take in on_tracking:
-                    take(step.outcome)
-            elif step.outcome is not None:
-                rejected.append(step.outcome.stamp_ns)
-            if step.frame:
-                times.append(time.perf_counter())
-                if tally.frames % 20 == 0:
-                    bar.update(task, completed=tally.frames)
+    def follow(step: TrackStep) -> None:
+        last_step[:] = [step]
+        on_frame()
 
-        if arguments.output is None or readings is not None:
-            for step in track_steps(stream, tracker, start=start):
-                on_progress(step)
-        else:
-            writer = stack.enter_context(output_writer(arguments))
-            left_out = record_tracking(
-                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
-            )
-            sentences = (*sentences, *left_out)
-        check_row_order(tracker, tally)
-        sentences = (*sentences, *tally.notes)
-        if readings is not None:
-            bar.update(task, description='matching film and table')
-            run_, found = joined(readings, trackings, arm, rejected)
-            film.update(found)
-            sentences = (*objections, *hints, *sentences, *readings.sentences)
-            if run_ is not None:
-                record_film(stack.enter_context(output_writer(arguments)), run_)
-                for tracking in run_.trackings:
-                    for take in tabulate:
-                        take(tracking)
-        seconds = time.perf_counter() - times[0]
-    summary = summary_of(arguments, arm, stream, tally) | film
-    # The median leaves out the first frames, in which kernels may have to be compiled.
-    rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
-    summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
-    if isinstance(settings.plane, RestPlane):
-        summary['rest_bow'] = tally.rest_bow
-    if film and not film['frames_covered']:
-        summary['output'] = None
-    verb.present(arguments, summary, lambda console: show(summary, console))
-    done = tally.explained and film.get('frames_covered', 1) and not objections
-    return verb.DONE if done else verb.NEGATIVE
+    try:
+        return look_ahead(stream, tracker, follow)
+    except CameraError:
+        for preview in previews:
+            preview(last_step[0])
+        raise
 
 
 def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWriter]:
@@ -209,6 +248,16 @@ def table_writer(arguments: Namespace, stack: ExitStack) -> list[Callable[[Track
         write_table(arguments.table, overwrite=arguments.overwrite, inputs=inputs(arguments))
     )
     return [lambda tracking: write(tracking.sightings)]
+
+
+def progress_follower(bar: Progress, task: TaskID, tally: TrackTally) -> Follower:
+    """Return the function that shows the counted frames, to be called with every step."""
+
+    def show_progress(step: TrackStep) -> None:
+        if step.frame and tally.frames % 20 == 0:
+            bar.update(task, completed=tally.frames)
+
+    return show_progress
 
 
 def preview_followers(
