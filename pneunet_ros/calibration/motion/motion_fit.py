@@ -112,25 +112,14 @@ def fit_motion(
     runs = thinned(runs, EXPERIMENTS.most_frames)
     problem = motion_problem(arm, runs)
     start = problem.best_of_scan() if start_motion is None else problem.parameters_of(start_motion)
-    while True:
-        problem = problem.with_nuisance(perturbed_arms, runs, start)
-        fitted = problem.search(start)
-        released = problem.without_held_frames(
-            problem.residuals(problem.simulate(fitted.x)[0]), float(fitted.x[0])
-        )
-        if released is None:
-            break
-        problem, start = released, released.initial_parameters(0.0, 0.1)
-        start[:2] = fitted.x[:2]
+    problem, fitted = search_released(problem, runs, start, perturbed_arms)
     if 0.0 < -fitted.x[0] <= trusted_error:
         fitted = problem.search(np.array([0.0, *fitted.x[1:]]), least_mass=0.0)
     deviations, at_rest = problem.simulate(fitted.x)
     residuals = problem.residuals(deviations)
     static_residuals = problem.residuals([np.zeros_like(item) for item in deviations])
-    moving_rms, still_rms = (
-        problem.root_mean_square(residuals),
-        problem.root_mean_square(static_residuals),
-    )
+    moving_rms = problem.root_mean_square(residuals)
+    still_rms = problem.root_mean_square(static_residuals)
     in_motion = sum(int(np.count_nonzero(~item)) for item in at_rest)
     frames = sum(len(item) for item in at_rest)
     if not in_motion or not moving_rms < still_rms:
@@ -142,38 +131,22 @@ def fit_motion(
         )
     errors = standard_errors(problem, fitted.jac, residuals, float(fitted.x[0]))
     tip_mass, damping_time = problem.motion(fitted.x)
-    mass_error, damping_error = (
-        math.hypot(errors[0] / max(1.0 + float(fitted.x[0]), 1.0), MODEL_ERROR),
-        math.hypot(errors[1], MODEL_ERROR),
-    )
+    inertia = max(1.0 + float(fitted.x[0]), 1.0)  # in units of the effective mass of the arm
+    mass_error = math.hypot(errors[0] / inertia, MODEL_ERROR)
+    damping_error = math.hypot(errors[1], MODEL_ERROR)
     mass_shift, damping_shift = np.linalg.norm(static_shifts(problem, runs, fitted), axis=0)[:2]
-    tip_std = problem.effective_mass * math.hypot(
-        mass_error * max(1.0 + float(fitted.x[0]), 1.0), mass_shift
-    )
+    tip_std = problem.effective_mass * math.hypot(mass_error * inertia, mass_shift)
     objection = objection_to(problem, residuals, deviations, at_rest)
-    if tip_mass < -WITHIN_95 * tip_std and objection:
-        raise RequestError(
-            f'no mass explains how the arm moves in the recordings after --motion ({objection}): '
-            'it lags, creeps or has friction, or the clocks differ. Run `pneunet diagnose`',
-            reason='not_in_motion',
-        )
-    if tip_mass < -WITHIN_95 * tip_std:
-        needed_weight = (1.0 + tip_mass / problem.effective_mass) * arm.weight
-        raise RequestError(
-            f'the arm swings faster than its weight allows: arm.weight is {arm.weight:.4g} N, '
-            f'but the swing would need {needed_weight:.4g} N. Weigh the arm, and give --arm a '
-            'file with that weight',
-            reason='wrong_weight',
-        )
-    tip_mass = max(tip_mass, 0.0)
+    check_tip_mass(problem, tip_mass, tip_std, objection)
     motion = Motion(
-        tip_mass=tip_mass,
+        tip_mass=max(tip_mass, 0.0),
         damping_time=damping_time,
         mass_error=mass_error,
         damping_error=damping_error,
     )
     found = unloaded_modes(replace(arm, covariance=None).with_motion(motion))
     assert found is not None
+    sizes = problem.without_nuisance(problem.whitened(residuals))[1]
     return MotionFit(
         motion=motion,
         tip_mass_std=tip_std,
@@ -185,11 +158,51 @@ def fit_motion(
         moving_rms=moving_rms,
         in_motion=in_motion,
         frames=frames,
-        shares=tuple(
-            problem.without_nuisance(problem.whitened(residuals))[1][
-                : len(perturbed_arms)
-            ].tolist()
-        ),
+        shares=tuple(sizes[: len(perturbed_arms)].tolist()),
+    )
+
+
+def search_released(
+    problem: MotionProblem,
+    runs: Sequence[RecordingData],
+    start: Array,
+    perturbed_arms: Sequence[Arm],
+) -> tuple[MotionProblem, Any]:
+    """Fit the parameters, again after frames in which the arm was held are left out.
+
+    Returns the recordings without these frames, and the fit of `MotionProblem.search`.
+    """
+    while True:
+        problem = problem.with_nuisance(perturbed_arms, runs, start)
+        fitted = problem.search(start)
+        released = problem.without_held_frames(
+            problem.residuals(problem.simulate(fitted.x)[0]), float(fitted.x[0])
+        )
+        if released is None:
+            return problem, fitted
+        problem, start = released, released.initial_parameters(0.0, 0.1)
+        start[:2] = fitted.x[:2]
+
+
+def check_tip_mass(
+    problem: MotionProblem, tip_mass: float, tip_std: float, objection: str
+) -> None:
+    """Reject a mass (kg) at the tip that is significantly negative, with its likely cause."""
+    if not tip_mass < -WITHIN_95 * tip_std:
+        return
+    if objection:
+        raise RequestError(
+            f'no mass explains how the arm moves in the recordings after --motion ({objection}): '
+            'it lags, creeps or has friction, or the clocks differ. Run `pneunet diagnose`',
+            reason='not_in_motion',
+        )
+    weight = problem.arm.weight
+    needed_weight = (1.0 + tip_mass / problem.effective_mass) * weight
+    raise RequestError(
+        f'the arm swings faster than its weight allows: arm.weight is {weight:.4g} N, '
+        f'but the swing would need {needed_weight:.4g} N. Weigh the arm, and give --arm a '
+        'file with that weight',
+        reason='wrong_weight',
     )
 
 
