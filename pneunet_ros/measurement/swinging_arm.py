@@ -258,41 +258,13 @@ class SwingingArm:
         known, previous, previous_ns = before
         motion, masses, modes = self.moving.arm.inertia, self.moving.masses, self.moving.modes
         assert motion is not None
-        state, start_links = None, None
-        if previous is not None:
-            start_links = previous.links._replace(
-                heading=previous.links.heading
-                + previous.turning @ (known.mean - previous.unknowns)
-            )
-            state = self.state_of(propagated, previous, start_links, previous_ns)
-            end_links = links_at(solution) if path else start_links
-            for passed in path:
-                links_there = between(start_links, end_links, passed.share)
-                rotation = previous.turning[:, self.pressure] * passed.chamber_deviation
-                if passed.force_deviation is not None:
-                    rotation = rotation + previous.turning[:, self.tip] @ passed.force_deviation
-                links_there = links_there._replace(heading=links_there.heading + rotation)
-                state = go_between(
-                    state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
-                )
+        state, start_links = self.follow_path(before, propagated, solution, path)
         following, moving = follow_reading(
             state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes
         )
         links = following.links
         rates, projection = rates_about(links, masses, motion.damping_time, modes.moment)
-        reference = Reference(
-            heading=links.heading,
-            projection=projection,
-            turns=np.cumsum(modes.moment * links.compliance, axis=1),
-            links=links,
-            turned=following.turned,
-            unknowns=propagated.mean,
-            turning=np.zeros((LINKS, propagated.mean.size)),
-            at_tip=np.zeros((Motion.SHAPES, 2)),
-            lag=np.zeros(LINKS),
-            left_out=freeze(self.left_out(moving, np.zeros((2, LINKS)))),
-            pull=np.zeros((2 * Motion.SHAPES, Motion.SHAPES)),
-        )
+        reference = self.reference_at(following, moving, projection, propagated.mean)
         if previous is None or start_links is None:
             return propagated, reference, moving
         if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
@@ -302,10 +274,7 @@ class SwingingArm:
         pull = (np.eye(len(transition)) - transition)[:, Q_ROWS] @ np.linalg.inv(
             -rates[P_ROWS, Q_ROWS]
         )
-        projected_turning = previous.projection @ previous.turning
-        projected_turning[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], previous.at_tip)
-        if turning is not None:
-            projected_turning = 0.5 * (projected_turning + projection @ turning)
+        projected_turning = self.projected_turning(previous, rates, projection, turning)
         belief = self.with_propagated_swing(
             propagated, projected_turning, following.swing, transition
         )
@@ -319,13 +288,10 @@ class SwingingArm:
         lag = self.lag_of(
             start_lag, reference.unspanned_part(links.heading - start_links.heading), seconds
         )
+        lost_walk = (transition - partial_transitions)[:, :, Q_ROWS]
+        reductions = lost_walk @ projected_turning[:, self.tip] @ force_walk
         root = self.with_noise(belief.root, following.swing, moving)
-        root = self.with_force_walk(
-            root,
-            (transition - partial_transitions)[:, :, Q_ROWS]
-            @ projected_turning[:, self.tip]
-            @ force_walk,
-        )
+        root = self.with_force_walk(root, reductions)
         belief = replace(belief, root=freeze(root))
         reference = replace(
             reference,
@@ -335,6 +301,68 @@ class SwingingArm:
             left_out=freeze(self.left_out(moving, response_error)),
         )
         return belief, reference, moving
+
+    def follow_path(
+        self,
+        before: tuple[Known, Reference | None, int],
+        propagated: Known,
+        solution: SolverNodes,
+        path: Sequence[EquilibriumBetween],
+    ) -> tuple[MovingState | None, Links | None]:
+        """Return the state of the swing at the end of a path, and the links at its beginning.
+
+        Arguments as in `advance`; None before the first frame.
+        """
+        known, previous, previous_ns = before
+        if previous is None:
+            return None, None
+        motion, masses, modes = self.moving.arm.inertia, self.moving.masses, self.moving.modes
+        assert motion is not None
+        start_links = previous.links._replace(
+            heading=previous.links.heading + previous.turning @ (known.mean - previous.unknowns)
+        )
+        state = self.state_of(propagated, previous, start_links, previous_ns)
+        end_links = links_at(solution) if path else start_links
+        for passed in path:
+            links_there = between(start_links, end_links, passed.share)
+            rotation = previous.turning[:, self.pressure] * passed.chamber_deviation
+            if passed.force_deviation is not None:
+                rotation = rotation + previous.turning[:, self.tip] @ passed.force_deviation
+            links_there = links_there._replace(heading=links_there.heading + rotation)
+            state = go_between(
+                state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
+            )
+        return state, start_links
+
+    def reference_at(
+        self, following: MovingState, moving: Moved, projection: Array, unknowns: Array
+    ) -> Reference:
+        """Return the reference at a stamp, without any derivative, lag or load since the last."""
+        links = following.links
+        return Reference(
+            heading=links.heading,
+            projection=projection,
+            turns=np.cumsum(self.moving.modes.moment * links.compliance, axis=1),
+            links=links,
+            turned=following.turned,
+            unknowns=unknowns,
+            turning=np.zeros((LINKS, unknowns.size)),
+            at_tip=np.zeros((Motion.SHAPES, 2)),
+            lag=np.zeros(LINKS),
+            left_out=freeze(self.left_out(moving, np.zeros((2, LINKS)))),
+            pull=np.zeros((2 * Motion.SHAPES, Motion.SHAPES)),
+        )
+
+    def projected_turning(
+        self, previous: Reference, rates: Array, projection: Array, turning: Array | None
+    ) -> Array:
+        """Return S theta (shapes, unknowns) of `with_propagated_swing` between two references.
+
+        rates, projection, turning: at the end; the mean of both ends is used if turning is known.
+        """
+        before = previous.projection @ previous.turning
+        before[:, self.tip] = np.linalg.solve(-rates[P_ROWS, Q_ROWS], previous.at_tip)
+        return before if turning is None else 0.5 * (before + projection @ turning)
 
     def force_on_shapes(self, swing: SwingDeviation, turns: Array, places: Array) -> Array:
         """Return the generalized force of 1 N along the normal, (shapes, places) N m.
