@@ -17,8 +17,12 @@ from pneunet_ros.reports.calibration.figures import calibration_figures
 from pneunet_ros.reports.calibration.force_figures import EstimatedForces, sentences
 from pneunet_ros.reports.calibration.moment_figures import one_moment
 from pneunet_ros.reports.calibration.report import write_report
-from pneunet_ros.reports.calibration.residual_figures import best_sentence
+from pneunet_ros.reports.calibration.residual_figures import (
+    best_sentence,
+    draw_residuals_by_target,
+)
 from pneunet_ros.reports.calibration.tables import flat, law_rows, number_rows
+from pneunet_ros.reports.calibration.trend_figures import sensitivity
 import pytest
 from support.html_pages import check_closed, Page
 from support.refusals import refused
@@ -139,6 +143,19 @@ def test_a_section_in_which_no_target_was_seen_is_not_drawn(coarse):
     picture = one_moment(replace(data, main_views=(view,)))
     labels = [text.get_text() for text in picture.figure.axes[0].get_legend().get_texts()]
     assert labels and all(label.endswith('s > l1') for label in labels)
+
+
+def test_targets_on_a_rigid_cap_are_in_the_pictures(coarse):
+    found = calibration()
+    arm = replace(found.arm, length=0.9 * found.arm.length, tip_cap=0.1 * found.arm.length)
+    data = replace(figure_data(found, no_news), calibration=replace(found, arm=arm))
+    share = arm.target_arclength[-1] / arm.length
+    assert share > 1.05
+    left = draw_residuals_by_target(data).figure.axes[0]
+    right = sensitivity(data).figure.axes[-1]
+    assert left.get_xlim()[1] > share
+    assert right.lines[0].get_xdata()[-1] == pytest.approx(arm.reach / arm.length)
+    assert right.get_xlim()[1] == pytest.approx(arm.reach / arm.length)
 
 
 @pytest.mark.slow

@@ -355,6 +355,15 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
     assert model_error(data).png
 
 
+def test_errors_on_a_rigid_cap_are_in_the_picture(coarse):
+    found, training, held_out = diagnosis()
+    length = found.before.arm.length
+    arm = replace(found.before.arm, length=0.9 * length, tip_cap=0.1 * length)
+    found = replace(found, before=replace(found.before, arm=arm))
+    picture = errors_along_arm(FigureData(diagnosis=found, training=training, held_out=held_out))
+    assert picture.figure.axes[1].get_xlim()[1] > arm.target_arclength[-1] / arm.length > 1.05
+
+
 def test_what_moved_most_stands_first():
     found, *_ = diagnosis()
     moved = [float(row[5]) for row in shift_table(found).rows]

@@ -111,7 +111,7 @@ def draw_residuals_by_target(data: FigureData) -> Picture:
             markersize=3.5,
             label='mean residual left',
         )
-        panel.set(title=name, xlabel='target, arclength $s / l$', ylabel='um', xlim=(-0.02, 1.02))
+        panel.set(title=name, xlabel='target, arclength $s / l$', ylabel='um')
     legend(axes[0], loc='best')
     return Picture(
         '13_residuals_over_targets',

@@ -41,13 +41,14 @@ def sensitivity(data: FigureData) -> Picture | None:
     if not data.main_views:
         return None
     steady_state = nearest_view(data.main_views, PAPER_PRESSURE).steady_state
-    varied = variations(data.calibration.arm, steady_state)
+    arm = data.calibration.arm
+    varied = variations(arm, steady_state)
     nominal = varied[0].shapes[FACTORS.index(1.0)]
     figure, axes = panels(len(varied), rows=2, height=6.4)
     shapes, displacements = axes[: len(varied)], axes[len(varied) :]
     x, y = millimeters(1.0) * steady_state.x, millimeters(1.0) * steady_state.y
     for place, variation in enumerate(varied):
-        draw_variation(shapes[place], displacements[place], variation, nominal)
+        draw_variation(shapes[place], displacements[place], variation, nominal, arm.length)
         draw_dots(shapes[place], x, y, 2.6, color=MEASURED, zorder=4, label='measured')
         as_shapes(shapes[place], f'({"abc"[place]}) {variation.name}')
         legend(shapes[place], loc='best')
@@ -55,7 +56,7 @@ def sensitivity(data: FigureData) -> Picture | None:
             title=f'free end moves {travel(variation)} in total',
             xlabel='arclength $s / l$',
             ylabel='distance from the fitted (mm)',
-            xlim=(0.0, 1.0),
+            xlim=(0.0, arm.reach / arm.length),
         )
     same_height(displacements, low=0.0)
     return Picture(
@@ -71,9 +72,12 @@ def sensitivity(data: FigureData) -> Picture | None:
 
 
 def draw_variation(
-    shapes: Axes, displacements: Axes, variation: Variation, nominal: Shape
+    shapes: Axes, displacements: Axes, variation: Variation, nominal: Shape, length: float
 ) -> None:
-    """Draw the shapes of a variation, from dark to light, and their distance from the nominal."""
+    """Draw the shapes of a variation, from dark to light, and their distance from the nominal.
+
+    length (m): of the soft part.
+    """
     colors = colormaps['plasma'](np.linspace(0.05, 0.8, len(variation.shapes)))
     for rgba, label, shape in zip(colors, variation.labels, variation.shapes, strict=True):
         color = tuple(rgba.tolist())
@@ -85,9 +89,7 @@ def draw_variation(
             label=label,
         )
         distance = millimeters(1.0) * np.hypot(shape.x - nominal.x, shape.y - nominal.y)
-        displacements.plot(
-            shape.arclength / shape.arclength[-1], distance, color=color, linewidth=1.5
-        )
+        displacements.plot(shape.arclength / length, distance, color=color, linewidth=1.5)
 
 
 def travel(variation: Variation) -> str:

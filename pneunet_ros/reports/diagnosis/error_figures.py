@@ -55,7 +55,6 @@ def errors_along_arm(data: FigureData) -> Picture | None:
         title=f'(b) error along the arm, {data.tested_on} recordings',
         xlabel='arclength $s / l$',
         ylabel='rms per coordinate (mm)',
-        xlim=(-0.02, 1.02),
     )
     right.set_ylim(bottom=0.0)
     for axes in (left, right):
