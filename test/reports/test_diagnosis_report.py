@@ -34,6 +34,7 @@ from pneunet_ros.reports.diagnosis.report import Given, report_page
 from pneunet_ros.reports.diagnosis.tables import (
     adequacy_table,
     detectable_table,
+    error_table,
     evidence_table,
     MOST_SHIFTS,
     p_value_text,
@@ -362,6 +363,22 @@ def test_errors_on_a_rigid_cap_are_in_the_picture(coarse):
     found = replace(found, before=replace(found.before, arm=arm))
     picture = errors_along_arm(FigureData(diagnosis=found, training=training, held_out=held_out))
     assert picture.figure.axes[1].get_xlim()[1] > arm.target_arclength[-1] / arm.length > 1.05
+
+
+def test_noise_alone_is_that_of_the_recordings_on_which_models_are_compared(coarse):
+    found, training, held_out = diagnosis()
+    (before, after) = (replace(side, held_out=None, held_out_scores=())
+                       for side in (found.before, found.after))  # fmt: skip
+    alone = replace(found, before=before, after=after, closed=None)
+    for one, group, ends in ((found, 'held out', [0.5, 1.5]), (alone, 'training', [-0.5, 0.5])):
+        assert error_table(one).rows[-1][:2] == (group, 'noise alone')
+        overall = model_error(FigureData(diagnosis=one, training=training, held_out=held_out))
+        axes = overall.figure.axes[0]
+        (line,) = axes.lines
+        assert line.get_xdata().tolist() == ends
+        assert line.get_ydata().tolist() == [1e3 * one.noise_floor] * 2
+        names = [text.get_text() for text in axes.get_xticklabels()]
+        assert names[round(sum(ends) / 2)] == group
 
 
 def test_what_moved_most_stands_first():

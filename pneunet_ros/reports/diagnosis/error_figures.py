@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
@@ -132,10 +133,12 @@ def model_error(data: FigureData) -> Picture:
         models,
     )
     per_recording.tick_params(axis='x', rotation=20)
-    floor = millimeters(diagnosis.noise_floor)
+    floor, tested = millimeters(diagnosis.noise_floor), len(misfits[0]) - 1
+    line: dict[str, Any] = {'color': MEASURED, 'linestyle': '--', 'linewidth': 1.1}
+    label = f'noise alone, {floor:.3f} mm'
+    overall.plot([tested - 0.5, tested + 0.5], [floor, floor], label=label, **line)
+    per_recording.axhline(floor, **line)
     for axes in (overall, per_recording):
-        label = f'noise alone, {floor:.3f} mm'
-        axes.axhline(floor, color=MEASURED, linestyle='--', linewidth=1.1, label=label)
         axes.set_ylabel('rms per coordinate (mm)')
     overall.set_title('(a) all recordings')
     per_recording.set_title(f'(b) {data.tested_on} recordings, one by one')
@@ -145,7 +148,8 @@ def model_error(data: FigureData) -> Picture:
         '02_model_error',
         'Model error before and after',
         'Distance between measured and predicted targets, registration of each recording '
-        f'removed. Dashed: with noise alone. {error_sentence(diagnosis)} Bars well above the '
+        f'removed. Dashed: {data.tested_on} recordings with noise alone. '
+        f'{error_sentence(diagnosis)} Bars well above the '
         'dashed line mean that model error remains; bars well below it mean that the stated '
         'noise is too large.',
         figure,

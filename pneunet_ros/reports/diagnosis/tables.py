@@ -75,10 +75,10 @@ def error_table(diagnosis: Diagnosis, discovery: Discovery = NOTHING_SEARCHED) -
         )
         for recordings, when, misfit in misfits
     ]
-    floor = f'{millimeters(diagnosis.noise_floor):.3f}'
+    tested, floor = misfits[-1][0], f'{millimeters(diagnosis.noise_floor):.3f}'
     return Table(
         columns=('recordings', 'model', 'rms (mm)', '95 % within (mm)', 'chi2 per coordinate'),
-        rows=(*rows, ('noise alone', '', floor, '', '1')),
+        rows=(*rows, (tested, 'noise alone', floor, '', '1')),
         numbers=(2, 3, 4),
     )
 
