@@ -13,6 +13,7 @@ from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.discovery.result import NOTHING_SEARCHED
 from pneunet_ros.reports import figure as report_figure
+from pneunet_ros.reports.diagnosis.discovery_figures import amplitude
 from pneunet_ros.reports.diagnosis.error_figures import errors_along_arm, model_error, worst_frames
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
@@ -379,6 +380,32 @@ def test_noise_alone_is_that_of_the_recordings_on_which_models_are_compared(coar
         assert line.get_ydata().tolist() == [1e3 * one.noise_floor] * 2
         names = [text.get_text() for text in axes.get_xticklabels()]
         assert names[round(sum(ends) / 2)] == group
+
+
+def test_a_picture_that_leaves_recordings_out_says_so(coarse):
+    found, training, held_out = diagnosis()
+
+    def with_many(side):
+        many = 6 * side.held_out_scores
+        scores = tuple(
+            replace(score, name=f'recording_{place}', rms=score.rms + 1e-3 * (place > 7))
+            for place, score in enumerate(many)
+        )
+        return replace(side, held_out_scores=scores)
+
+    law = discovery(found)
+    many = replace(found, before=with_many(found.before), after=with_many(found.after))
+    data = FigureData(
+        diagnosis=many,
+        training=training,
+        held_out=held_out,
+        discovery=replace(law, evaluation=None, amplitudes=9 * law.amplitudes[:1]),
+    )
+    axes = model_error(data).figure.axes[1]
+    assert axes.get_title().startswith('(b) the 8 worst of 12 ')
+    names = [text.get_text() for text in axes.get_xticklabels()]
+    assert {f'recording_{place}' for place in (8, 9, 10, 11)} < set(names)
+    assert 'first 6 of 9 ' in amplitude(data).caption
 
 
 def test_what_moved_most_stands_first():

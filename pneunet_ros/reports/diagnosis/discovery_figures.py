@@ -55,9 +55,10 @@ def causes(data: FigureData) -> Picture | None:
 
 def amplitude(data: FigureData) -> Picture | None:
     """Draw the amplitude of the closest cause in every frame, and that of its law."""
-    series = data.discovery.amplitudes[:MOST_SERIES]
-    if not series:
+    known = data.discovery.amplitudes
+    if not known:
         return None
+    series = known[:MOST_SERIES]
     figure, axes, columns = small_multiples(len(series), 3, height=2.3, more=0.6)
     for panel, item in zip(axes, series, strict=True):
         draw_amplitude(panel, item)
@@ -65,13 +66,14 @@ def amplitude(data: FigureData) -> Picture | None:
         unit = '' if series[0].unit == '-' else f' ({series[0].unit})'
         axes[place].set_ylabel(f'amplitude{unit}')
     legend(axes[0], loc='best')
+    recordings = f'first {len(series)} of {len(known)} ' if len(series) < len(known) else ''
     return Picture(
         '11_amplitude',
         'How strong it is over time',
-        'Amplitude of the closest kind of cause in every frame of the training recordings, '
-        'estimated frame by frame (dots, band: two sigma) and predicted by its law (line). Both '
-        'are relative to the previous model, which has already absorbed a part of the cause. The '
-        'line should run through the dots.',
+        f'Amplitude of the closest kind of cause in every frame of the {recordings}training '
+        'recordings, estimated frame by frame (dots, band: two sigma) and predicted by its law '
+        '(line). Both are relative to the previous model, which has already absorbed a part of '
+        'the cause. The line should run through the dots.',
         figure,
     )
 

@@ -126,10 +126,12 @@ def model_error(data: FigureData) -> Picture:
     scores = [
         side.training_scores if side.held_out is None else side.held_out_scores for side in sides
     ]
+    worst = np.argsort([-score.rms for score in scores[0]])[:MOST_RECORDINGS]
+    shown = np.sort(worst).tolist()
     draw_pairs(
         per_recording,
-        [short(score.name) for score in scores[0][:MOST_RECORDINGS]],
-        [[millimeters(score.rms) for score in group[:MOST_RECORDINGS]] for group in scores],
+        [short(scores[0][place].name) for place in shown],
+        [[millimeters(group[place].rms) for place in shown] for group in scores],
         models,
     )
     per_recording.tick_params(axis='x', rotation=20)
@@ -141,7 +143,8 @@ def model_error(data: FigureData) -> Picture:
     for axes in (overall, per_recording):
         axes.set_ylabel('rms per coordinate (mm)')
     overall.set_title('(a) all recordings')
-    per_recording.set_title(f'(b) {data.tested_on} recordings, one by one')
+    of_all = f'the {len(shown)} worst of {len(scores[0])} ' if len(shown) < len(scores[0]) else ''
+    per_recording.set_title(f'(b) {of_all}{data.tested_on} recordings, one by one')
     overall.margins(y=0.45)
     legend(overall, loc='upper right')
     return Picture(
