@@ -277,7 +277,6 @@ def preview_followers(
     def collect(step: TrackStep) -> None:
         if step.frame:
             image = step.item.reading if isinstance(step.item.reading, Image) else None
-            tracking = step.outcome if isinstance(step.outcome, Tracking) else None
-            preview.add(step.item.log_time_ns, image, tracking, step.state)
+            preview.add(step.item.log_time_ns, image, step.outcome, step.state)
 
     return [collect]

@@ -12,6 +12,7 @@ import re
 import cv2
 import numpy as np
 from pneunet_ros.cli.track_preview import typed
+from pneunet_ros.core.outcome import drop
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.shape_error import Centerlines
 from pneunet_ros.files.camera_file import load_camera
@@ -142,6 +143,19 @@ def test_without_a_script_a_frame_with_its_targets_is_there(steps):
     assert still.count('<circle') == ARM.target_arclength.size
     assert 'href="data:image/jpeg' in still
     assert '<div id="scrub" hidden>' in html
+
+
+def test_frames_that_cannot_be_read_are_listed_with_what_is_wrong(steps):
+    page = collected([step for step in steps if not step.outcome.reason])
+    for index in range(3):
+        refusal = drop(index, 'wrong_encoding', 'no <image>')
+        page.add((100 + index) * PERIOD_NS, None, refusal, steps[-1].state)
+    html = page.html('')
+    lost = html[html.index('id="lost"') :]
+    row = '<th scope="row">wrong_encoding</th><td class="number">3</td><td>no &lt;image&gt;</td>'
+    assert row in lost
+    tracked = sum(not step.outcome.reason for step in steps)
+    assert f'{tracked} of {tracked + 3} frames tracked' in html
 
 
 def test_nothing_tracked_and_nothing_seen_are_said(steps):

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Image
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.stamps import match_stamps
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.estimation.shape_error import Centerlines, median_period
@@ -71,31 +72,35 @@ class TrackingPage:
     _frames: list[dict[str, Any]] = field(default_factory=list)
 
     def add(
-        self, log_time_ns: int, image: Image | None, tracking: Tracking | None, state: TrackerState
+        self,
+        log_time_ns: int,
+        image: Image | None,
+        outcome: Tracking | Refusal | None,
+        state: TrackerState,
     ) -> None:
-        """Add a frame; None for an unreadable or skipped one."""
-        self.preview.add(log_time_ns, image, tracking, state)
+        """Add a frame, readable or not; None for a skipped one."""
+        self.preview.add(log_time_ns, image, outcome, state)
         self._start_ns = self._start_ns or log_time_ns
-        if tracking is not None:
-            self._tally(tracking)
-        if image is not None and tracking is not None and self._count % self._every == 0:
+        if outcome is not None:
+            self._tally(outcome)
+        if image is not None and isinstance(outcome, Tracking) and self._count % self._every == 0:
             seconds = seconds_since(self._start_ns, log_time_ns)
-            self._frames.append(self._frame(seconds, image, tracking, state))
+            self._frames.append(self._frame(seconds, image, outcome, state))
         if len(self._frames) > SHOWN:
             self._frames = self._frames[::2]
             self._every *= 2
         self._count += 1
 
-    def _tally(self, tracking: Tracking) -> None:
-        if tracking.reason:
-            self._reasons[tracking.reason] += 1
-            self._sentences[tracking.reason] = tracking.sentence
+    def _tally(self, outcome: Tracking | Refusal) -> None:
+        if isinstance(outcome, Refusal) or outcome.reason:
+            self._reasons[outcome.reason] += 1
+            self._sentences[outcome.reason] = outcome.sentence
             return
         self._explained += 1
-        self._seen += tracking.sightings.seen
-        self._stds.append(float(np.nanmedian(tracking.sightings.std)))
-        if tracking.curve is not None:
-            self._rms.append(tracking.curve.rms)
+        self._seen += outcome.sightings.seen
+        self._stds.append(float(np.nanmedian(outcome.sightings.std)))
+        if outcome.curve is not None:
+            self._rms.append(outcome.curve.rms)
 
     def _frame(
         self, seconds: float, image: Image, tracking: Tracking, state: TrackerState

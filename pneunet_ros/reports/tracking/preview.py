@@ -20,6 +20,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import CameraError, shortened
 from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import millimeters, seconds_since
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.figure import Picture
@@ -72,9 +73,14 @@ class Preview:
     _rms: list[float] = field(default_factory=list)
 
     def add(
-        self, log_time_ns: int, image: Image | None, tracking: Tracking | None, state: TrackerState
+        self,
+        log_time_ns: int,
+        image: Image | None,
+        outcome: Tracking | Refusal | None,
+        state: TrackerState,
     ) -> None:
-        """Add a frame; None for an unreadable or skipped one."""
+        """Add a frame, readable or not; None for a skipped one."""
+        tracking = outcome if isinstance(outcome, Tracking) else None
         status = np.full(self.targets, -1, np.int8)
         rms = math.nan
         if tracking is not None and not tracking.reason:
