@@ -33,17 +33,34 @@ def draw_comparisons(comparisons: Sequence[Comparison], path: Path, form: str) -
     rows = len(comparisons)
     figure, axes = panels(3, rows, height=HEIGHT * rows, width=WIDTH)
     for row, comparison in enumerate(comparisons):
-        shapes, along, over_time = axes[3 * row : 3 * row + 3]
-        title = f'{short(comparison.of.name)} against {short(comparison.to.name)}'
-        as_shapes(shapes, title)
-        along.set(title='Error along the arm', xlabel='arclength (mm)', ylabel='distance (mm)')
-        over_time.set(title='Error of the tip', xlabel='time (s)', ylabel='distance (mm)')
-        if comparison.shape is not None:
-            draw_shapes(shapes, comparison.shape, labels_of(comparison, comparison.shape))
-            draw_along(along, comparison.shape)
-        if comparison.tip is not None:
-            draw_over_time(over_time, comparison.tip)
+        draw_comparison(axes[3 * row : 3 * row + 3], comparison)
     figure.savefig(path, dpi=120, format=form, metadata={'Date': None} if form == 'svg' else None)
+
+
+def draw_comparison(axes: Sequence[Axes], comparison: Comparison) -> None:
+    """Draw shapes, errors along the arm and errors over time of a comparison."""
+    shapes, along, over_time = axes
+    tip, place = comparison.tip, 'of the tip'
+    if tip is not None and not tip.at_end:
+        place = f'at s = {MM * tip.at:.4g} mm'
+    as_shapes(shapes, f'{short(comparison.of.name)} against {short(comparison.to.name)}')
+    along.set(title='Error along the arm', xlabel='arclength (mm)', ylabel='distance (mm)')
+    over_time.set(title=f'Error {place}', xlabel='time (s)', ylabel='distance (mm)')
+    if comparison.shape is not None:
+        draw_shapes(shapes, comparison.shape, labels_of(comparison, comparison.shape))
+        draw_along(along, comparison.shape)
+    else:
+        say_empty(shapes)
+        say_empty(along)
+    if tip is not None:
+        draw_over_time(over_time, tip)
+    else:
+        say_empty(over_time)
+
+
+def say_empty(axes: Axes) -> None:
+    """State in an empty panel that there is nothing to draw."""
+    axes.text(0.5, 0.7, 'nothing to compare', transform=axes.transAxes, ha='center', color=GREY)
 
 
 def labels_of(comparison: Comparison, shape: CenterlineErrors) -> tuple[str, str]:

@@ -33,7 +33,7 @@ from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recorded_shapes import read_measured
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
-from pneunet_ros.reports.compare_plot import draw_shapes, labels_of
+from pneunet_ros.reports.compare_plot import draw_comparison, draw_shapes, labels_of
 import pytest
 from support.refusals import reasons, refusal, refused
 
@@ -88,6 +88,22 @@ def test_a_plot_tells_the_sides_apart(names, labels):
     axes = Figure().add_subplot()
     draw_shapes(axes, found.shape, labels_of(found, found.shape))
     assert [text.get_text() for text in axes.get_legend().get_texts()] == labels
+
+
+def test_a_plot_names_the_place_that_is_compared_and_what_is_not():
+    at_end = compare_shapes(series(), series())
+    before = compare_shapes(series(TARGETS_AT, tips=False), series())
+    for found, title, empty in (
+        (at_end, 'Error of the tip', 0),
+        (before, 'Error at s = 110 mm', 0),
+        (replace(at_end, shape=None), 'Error of the tip', 2),
+        (replace(at_end, tip=None), 'Error of the tip', 1),
+    ):
+        axes = Figure().subplots(1, 3)
+        draw_comparison(axes, found)
+        assert axes[2].get_title() == title
+        words = [text.get_text() for panel in axes for text in panel.texts]
+        assert words.count('nothing to compare') == empty
 
 
 def test_other_stations_are_interpolated_and_not_compared_by_their_number():
