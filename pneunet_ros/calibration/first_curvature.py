@@ -48,16 +48,15 @@ def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArr
     """Return the tip angle (frames,) rad relative to the clamp, and the frames that show the tip.
 
     The angle is assumed to change by less than half a turn from one frame to the next higher
-    pressure.
+    pressure, of whichever run.
     """
-    turns = []
-    for run in runs:
-        heading = np.full(len(run.x), np.nan) if run.heading is None else np.array(run.heading)
-        order = np.argsort(run.frame_pressure, kind='stable')
-        order = order[np.isfinite(heading[order])]
-        heading[order] = np.unwrap(heading[order] - arm.clamp_angle)
-        turns.append(heading)
-    turn = np.concatenate(turns)
+    pressure = np.concatenate([run.frame_pressure for run in runs])
+    turn = np.concatenate(
+        [np.full(len(run.x), np.nan) if run.heading is None else run.heading for run in runs]
+    )
+    order = np.argsort(pressure, kind='stable')
+    order = order[np.isfinite(turn[order])]
+    turn[order] = np.unwrap(turn[order] - arm.clamp_angle)
     return np.nan_to_num(turn), np.isfinite(turn)
 
 

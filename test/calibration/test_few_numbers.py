@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.checks.left_out_levels import interpolated
+from pneunet_ros.calibration.first_curvature import tip_turns
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
@@ -89,6 +90,20 @@ def test_the_angle_of_the_tip_alone_gives_a_constant_curvature(by_angle):
     assert verdict_of(by_angle).fits
     assert by_angle.left_out.is_angle
     assert by_angle.left_out.model < math.radians(1.5)
+
+
+def test_headings_of_several_tables_are_unwrapped_together():
+    """Table by table, the one that begins beyond half a turn was read a turn off."""
+    pose = np.full((LEVELS.size, 3), np.nan)
+    turn = TURN * np.radians(300.0) / TURN[-1]
+    pose[:, 2] = np.angle(np.exp(1j * turn))  # as a quaternion holds it
+    whole = recorded(pose)
+    beyond = np.flatnonzero(LEVELS > 35e3)  # the lowest heading there is 194 degrees
+    turns, known = tip_turns(
+        [whole.subset(beyond), whole.subset(np.flatnonzero(LEVELS < 35e3))], ARM
+    )
+    assert known.all()
+    assert np.sort(turns) == pytest.approx(turn)
 
 
 def test_a_left_out_pressure_is_in_the_error_bars(by_angle):
