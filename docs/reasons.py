@@ -77,6 +77,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'estimates': 'columns with estimates were left out',
     'known_load': 'a load never changes: it was not read by a sensor',
     'lost': 'messages are missing in a file',
+    'lost_turns': 'a recording of poses does not restore the whole turns of headings',
     'midnight': 'the time of day passes midnight',
     'missing_column': 'a column that another one needs is missing',
     'no_clamp_target': 'no column is of target 0',

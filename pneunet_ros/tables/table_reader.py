@@ -19,7 +19,7 @@ from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.meaning.pressure_convention import pressure_unit
 from pneunet_ros.measurement.meaning.pressure_judge import air_density, record_of
-from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
+from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS, TIP_POSE
 from pneunet_ros.tables.columns import (
     Column,
     columns_of,
@@ -143,6 +143,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             reason='nothing_usable',
         )
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
+    sentences += _lost_turns(path, table.lines, found)
     if pressure is not None and found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
         sentences.append(_absolute(table.written[pressure.name], found))
     return found, tuple(sentences)
@@ -239,6 +240,36 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
             f'({place.real:.4g}, {place.imag:.4g}) m in line {lines[rows[0]]}: leave the cells of '
             'targets that were not seen empty',
             reason='coincident',
+        )
+    ]
+
+
+def _lost_turns(path: Path, lines: Sequence[int], table: ReadingTable) -> list[str]:
+    """Report headings whose whole turns a recording of poses does not restore.
+
+    `calibrate` restores those that follow from heading to heading, in the order of the pressure.
+    """
+    pressure, heading = table.values[PRESSURE.name][:, 0], table.values[TIP_POSE.name][:, 2]
+    rows, read = np.flatnonzero(np.isfinite(heading)), np.isfinite(pressure)
+    if not rows.size:
+        return []
+    if read.any():
+        at_rows = np.interp(table.stamp_ns[rows], table.stamp_ns[read], pressure[read])
+        rows = rows[np.argsort(at_rows, kind='stable')]
+    recorded = np.angle(np.exp(1j * heading))
+    restored = np.array(heading)
+    restored[rows] = np.unwrap(recorded[rows])
+    is_lost = (np.abs(heading) > math.pi) & (np.abs(restored - heading) > math.pi)
+    if not is_lost.any():
+        return []
+    row = int(np.argmax(is_lost))
+    return [
+        Note(
+            f'{path}: {np.count_nonzero(is_lost)} headings lose whole turns, because a recording '
+            f'holds poses: line {lines[row]} has {math.degrees(heading[row]):.6g} degrees, '
+            f'recorded as {math.degrees(recorded[row]):.4g}. In a calibration they must be within '
+            'half a turn at the lowest pressure, and change by less from one pressure to the next',
+            reason='lost_turns',
         )
     ]
 

@@ -62,6 +62,25 @@ def test_the_pose_of_the_tip_may_be_known_in_part(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ('headings', 'is_lost'),
+    [
+        ((300.0, 0.0, 187.5), True),  # more than half a turn from pressure to pressure
+        ((300.0, 200.0, 250.0), True),  # begins beyond half a turn
+        ((4400.0, 0.0, 1000.0), True),  # another unit
+        ((300.0, 0.0, 150.0), False),
+        ((-100.0, 170.0, -170.0), False),  # without whole turns already
+    ],
+)
+def test_headings_that_lose_whole_turns_are_reported(tmp_path, headings, is_lost):
+    path = tmp_path / 'turns.csv'
+    path.write_text(
+        'time_s,pressure_kpa,tip_heading_deg\n1,60,{}\n2,0,{}\n3,30,{}\n'.format(*headings)
+    )
+    found = reasons(read_table(path, ImportRequest())[1])
+    assert found == (['lost_turns'] if is_lost else [])
+
+
+@pytest.mark.parametrize(
     ('column', 'si'),
     [
         ('pressure_pa', 1.0),
