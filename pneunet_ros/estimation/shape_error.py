@@ -96,7 +96,8 @@ class ShapeSeries:
     """Shapes of one source: centerlines, the free end, or both.
 
     frame: the coordinate frame, '' if unknown. exact: whether it is a ground truth without errors.
-    pressures: its pressures, None if unknown. whole: whether its centerlines reach the free end.
+    pressures: its pressures, None if unknown. whole: whether its centerlines are known to reach
+    the free end; those of a truth may.
     """
 
     name: str
@@ -199,7 +200,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
     shape = tip = None
     if of.centerlines is not None and to.centerlines is not None:
         shape = compare_centerlines(of.centerlines, to.centerlines)
-    if of.tips is not None and to.tips is not None:
+    if of.tips is not None and to.tips is not None and not ends_short(of, to):
         at = length or max(reach, default=math.nan)
         tip = compare_tips(of.tips, to.tips, at=at, exact=(of.exact, to.exact))
     elif of.centerlines is not None and to.centerlines is not None:
@@ -221,14 +222,26 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
     )
 
 
+def last_stations(of: ShapeSeries, to: ShapeSeries) -> list[float]:
+    """Return the arclength (m) of the last stations, of those sides that may end at the tip."""
+    return [
+        float(item.centerlines.arclength[-1])
+        for item in (of, to)
+        if (item.whole or item.exact) and item.centerlines is not None
+    ]
+
+
+def ends_short(of: ShapeSeries, to: ShapeSeries) -> bool:
+    """Whether a truth whose stations may end before the tip does so."""
+    ends = last_stations(of, to)
+    is_open = any(item.exact and not item.whole for item in (of, to))
+    return is_open and len(ends) == 2 and abs(ends[0] - ends[1]) > END
+
+
 def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
     """Explain why two sides are of different arms; empty if they may be the same."""
     notes = []
-    ends = [
-        float(item.centerlines.arclength[-1])
-        for item in (of, to)
-        if item.whole and item.centerlines is not None
-    ]
+    ends = last_stations(of, to)
     if len(ends) == 2 and max(ends) > LONGER * min(ends):
         long, short = (of, to) if ends[0] > ends[1] else (to, of)
         notes.append(

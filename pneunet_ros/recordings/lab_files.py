@@ -33,6 +33,7 @@ TRUTH = {
     'stamp_ns': Declared(kind='integer', axes=('frames',), increasing=True),
     'arclength': Declared(axes=('stations',), increasing=True),
     **{name: Declared(axes=FRAMES) for name in ('x', 'y', 'theta')},
+    'scenario': Declared(kind='text', required=False),
 }
 MEMORY = {'memory': Declared(kind='text')}
 # Errors while reading numbers from a text that is not a memory of the lab.
@@ -160,7 +161,10 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
 
 
 def read_truth(path: Path) -> ShapeSeries:
-    """Return the true shapes of a recording of the lab; RecordingError if it is not a truth."""
+    """Return the true shapes of a recording of the lab; RecordingError if it is not a truth.
+
+    The stations of a truth from elsewhere, which has no scenario, may end before the tip.
+    """
     try:
         arrays = read_arrays(path, TRUTH)
         points = np.stack([arrays['x'], arrays['y']], axis=1)
@@ -179,7 +183,7 @@ def read_truth(path: Path) -> ShapeSeries:
             ),
             frame=BASE_FRAME,
             exact=True,
-            whole=True,
+            whole='scenario' in arrays,
         )
     except (OSError, PneunetError) as error:
         raise RecordingError(

@@ -167,6 +167,16 @@ def test_the_share_in_the_ellipse_is_the_same_from_both_sides():
         assert compare_shapes(of, to).tip.inside_95 == 1.0
 
 
+@pytest.mark.parametrize('sides', [slice(None), slice(None, None, -1)])
+def test_the_last_station_of_a_truth_may_be_before_the_tip(sides):
+    estimate = series(whole=True)
+    short = compare_shapes(*(estimate, series(S[:-1], exact=True))[sides])
+    assert (short.tip.at_end, short.tip.at) == (False, S[-2])
+    assert error_statistics(short.tip.distance).max < 1e-9
+    of_the_lab = compare_shapes(*(estimate, series(S[:-1], exact=True, whole=True))[sides])
+    assert (of_the_lab.tip.at_end, of_the_lab.tip.at) == (True, S[-1])
+
+
 # Which frames belong together.
 
 
