@@ -94,7 +94,7 @@ def find_series(
         if not required:
             return None
         raise RecordingError(
-            f'{recording.path} {without_topic(recording, sensor)}', reason='no_topic'
+            f'{recording.path} {without_topic(recording, sensor, overrides)}', reason='no_topic'
         )
     return recording.find(name, sensor.type, override)
 
@@ -121,10 +121,11 @@ def without_other_arms(
     return tuple(candidates)
 
 
-def without_topic(recording: Recording, sensor: Input[Any]) -> str:
+def without_topic(recording: Recording, sensor: Input[Any], overrides: Mapping[str, str]) -> str:
     """Report that a recording has no topic of a sensor, with a remedy."""
     types = {topic.type for topic in recording.topics}
-    same_type = [topic.name for topic in recording.topics if topic.type == sensor.type]
+    of_type = [topic.name for topic in recording.topics if topic.type == sensor.type]
+    same_type = without_other_arms(recording, of_type, overrides)
     if same_type:
         remedy = f'name it, e.g. --topic {sensor.name}={same_type[0]}'
     elif sensor is END_WRENCH:
