@@ -148,6 +148,12 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
                 f'{table}, line {line}: {name!r} cannot be the name of a folder',
                 reason='wrong_name',
             )
+        if name.startswith('#'):
+            raise RequestError(
+                f'{table}, line {line}: {name!r} looks like a comment, but comments stand only '
+                'above the columns: delete this row, or rename the arm',
+                reason='wrong_name',
+            )
         if name in names:
             raise RequestError(
                 f'{table}, line {line}: there are two arms with the name {name}',

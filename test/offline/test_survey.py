@@ -104,6 +104,7 @@ def test_a_table_of_arms_as_a_spreadsheet_writes_it(tmp_path):
     [
         ('name,unloaded\na,x\na,y\n', 'line 3: there are two arms with the name a'),
         ('name,unloaded\n../a,x\n', 'cannot be the name of a folder'),
+        ('name,unloaded\na,x\n#b,y\n', "line 3: '#b' looks like a comment"),
         ('arm,unloaded\na,x\n', 'the columns of a table of arms are name'),
         ('name,pressure\na,x\n', 'this table has name, pressure'),
         ('name,unloaded\na\n', 'line 2: the number of cells is not that of the columns'),
