@@ -167,6 +167,12 @@ def open_stream(arguments: Namespace, settings: CameraSettings) -> ImageStream:
             '-auto-orient) and, if turned by 180 deg, the readout be negative',
             reason='not_supported',
         )
+    if arguments.with_images and stream.recording is None:
+        raise RequestError(
+            f'--with-images copies the images of a recording, and {arguments.source} is none: '
+            'omit it',
+            reason='other_source',
+        )
     return stream
 
 

@@ -596,6 +596,10 @@ def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp
         (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'no_camera_info'),
         (['folder', '--preview', 'p.gif'], 'wrong_suffix'),
         (['folder', '--with-images'], 'missing'),
+        (
+            ['folder', '--with-images', '--camera-info', 'none', '--output', 'x.mcap'],
+            'other_source',
+        ),
         (['folder', '--output', 'w5.txt'], 'wrong_suffix'),
         (['folder', '--estimates', 'e.mcap'], 'missing'),
         (['folder', '--estimates', 'e.mcap', '--preview', 'p.png'], 'missing'),
