@@ -88,6 +88,11 @@ def test_the_table_of_effects_has_it(copy):
     assert 'clamp_turn' in said
 
 
+def test_the_page_selects_the_tests_of_its_own_effect():
+    (name,) = re.findall(r"name: ClassVar\[str\] = '(\w+)'", PAGE)
+    assert f'--effects-path DIR -k {name}`' in PAGE
+
+
 OUTPUT = """
 from support.random_estimates import random_estimate
 from pneunet_ros.messages.estimate import OUTPUTS
