@@ -9,6 +9,7 @@ import re
 import shlex
 
 from pneunet_ros.cli.main import parser, VERBS
+from pneunet_ros.core.units import SI_PER_UNIT
 import pytest
 from support.manuals import table
 from support.page_commands import blocks_of, DOCS, PAGES
@@ -39,6 +40,14 @@ def test_the_index_leads_to_every_page():
 def test_the_pages_are_short_enough_to_be_read():
     read = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *DOCS]
     assert sum(len(page.read_text(encoding='utf-8').split()) for page in read) <= MOST_WORDS
+
+
+def test_the_page_of_tables_has_all_units():
+    page = (ROOT / 'docs/recordings.md').read_text(encoding='utf-8')
+    lists = [set(words.split()) for words in re.findall(r'`([^`\n]+)`', page)]
+    for kind, units in SI_PER_UNIT.items():
+        if kind != 'pressure':  # its units are those of the sensor, above
+            assert set(units) in lists, kind
 
 
 def commands(page):
