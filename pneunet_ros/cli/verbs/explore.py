@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 import sys
@@ -17,7 +17,7 @@ from pneunet_ros.core.errors import ModelError, RecordingError, RequestError
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.exploration.settings import EXPLORATION
+from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from rich.console import Console
@@ -116,19 +116,11 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Explore, reporting after every recording."""
-    from pneunet_ros.cli.provenance import versions
-    from pneunet_ros.diagnosis.result import Diagnosis
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.exploration.exploration import explore, is_clear
-    from pneunet_ros.files.model_file import load_model, model_hash
-    from pneunet_ros.messages.readings import END_WRENCH
-    from pneunet_ros.recordings.dataset_reader import read_run
-    from pneunet_ros.reports.diagnosis.report import Given, next_steps
-    from pneunet_ros.reports.exploration.report import (
-        exploration_content,
-        last_sentence,
-        safe_sentence,
-    )
+    from pneunet_ros.files.model_file import load_model
+    from pneunet_ros.reports.diagnosis.report import Given
+    from pneunet_ros.reports.exploration.report import exploration_content, safe_sentence
 
     started = time.perf_counter()
     if arguments.recordings < 1:
@@ -144,37 +136,19 @@ def run(arguments: Namespace) -> int:
     folder.mkdir(parents=True)
     console = Console(stderr=True, quiet=True) if arguments.json else verb.output_console()
     console.print(f'within {safe_sentence(safe)}')
-    notes: list[str] = []
-
-    def record(experiment: Experiment, limits: SafeSet, number: int) -> RecordingData:
-        path = folder / f'recording_{number + 1:02d}.mcap'
-        write(experiment, limits, path)
-        data, sentences = read_run(path, model.target_arclength.size, gravity=model.gravity)
-        notes.extend(f'{path.name}: {sentence}' for sentence in sentences)
-        for sentence in sentences:
-            console.print(f'note: {path.name}: {sentence}')
-        if not experiment.loaded:
-            return data.without_load()
-        if not data.loaded:
-            raise RecordingError(
-                f'{path}: the load is missing: a recording under load needs {END_WRENCH.name}, '
-                'the force at every time, from a sensor or entered by hand',
-                reason='not_loaded',
-            )
-        return data
-
+    recorder = Recorder(write=write, model=model, folder=folder, console=console)
     settings = replace(EXPLORATION, recordings=arguments.recordings)
-    provenance = {
-        'model': {'name': model.name, 'content_sha256': model_hash(model)},
-        'seed': arguments.seed,
-        'versions': versions(),
-        'settings': settings_used(settings),
-    }
+    provenance = provenance_of(model, arguments.seed, settings)
     rounds: list[Round] = []
     with verb.progress_bar(shown=not (arguments.json or arguments.by_hand)) as bar:
         on_progress = verb.progress_of(bar, 'exploring')
         for item in explore(
-            model, record, safe, seed=arguments.seed, on_progress=on_progress, settings=settings
+            model,
+            recorder.record,
+            safe,
+            seed=arguments.seed,
+            on_progress=on_progress,
+            settings=settings,
         ):
             rounds.append(item)
             write_round(rounds, safe, provenance, folder)
@@ -185,24 +159,63 @@ def run(arguments: Namespace) -> int:
             write_round(rounds, safe, provenance, folder)
             show_round(rounds, console)
         given = Given(
-            notes=tuple(notes),
+            notes=tuple(recorder.notes),
             model=str(arguments.model or share_path(LAB_MODEL)),
             folder=str(folder / DIAGNOSIS),
         )
         write_end(rounds[-1], discovery, model, provenance, given)
-    last = rounds[-1].investigation.diagnosis
     if arguments.json:
         content = exploration_content(rounds, safe, provenance)
         verb.print_json(content | {'output': folder, 'seconds': time.perf_counter() - started})
     else:
-        console.print(last_sentence(rounds))
-        if isinstance(last, Diagnosis):
-            for sentence in next_steps(last, discovery, given):
-                console.print(sentence)
-        for name in (PAGE, NUMBERS, f'{DIAGNOSIS}/report.html'):
-            if (folder / name).exists():
-                console.print(f'wrote {folder / name}')
+        show_end(rounds, discovery, given, folder, console)
     return verb.DONE if is_clear(rounds) else verb.NEGATIVE
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Recorder:
+    """Records experiments into a folder, and reads the recordings; notes: what was left out."""
+
+    write: WriteRecording
+    model: Arm
+    folder: Path
+    console: Console
+    notes: list[str] = field(default_factory=list)
+
+    def record(self, experiment: Experiment, limits: SafeSet, number: int) -> RecordingData:
+        """Return the recording of an experiment, with the load if there is one."""
+        from pneunet_ros.messages.readings import END_WRENCH
+        from pneunet_ros.recordings.dataset_reader import read_run
+
+        path = self.folder / f'recording_{number + 1:02d}.mcap'
+        self.write(experiment, limits, path)
+        targets, gravity = self.model.target_arclength.size, self.model.gravity
+        data, sentences = read_run(path, targets, gravity=gravity)
+        self.notes.extend(f'{path.name}: {sentence}' for sentence in sentences)
+        for sentence in sentences:
+            self.console.print(f'note: {path.name}: {sentence}')
+        if not experiment.loaded:
+            return data.without_load()
+        if not data.loaded:
+            raise RecordingError(
+                f'{path}: the load is missing: a recording under load needs {END_WRENCH.name}, '
+                'the force at every time, from a sensor or entered by hand',
+                reason='not_loaded',
+            )
+        return data
+
+
+def provenance_of(model: Arm, seed: int, settings: ExplorationSettings) -> dict[str, object]:
+    """Return what the answer depends on besides the recordings."""
+    from pneunet_ros.cli.provenance import versions
+    from pneunet_ros.files.model_file import model_hash
+
+    return {
+        'model': {'name': model.name, 'content_sha256': model_hash(model)},
+        'seed': seed,
+        'versions': versions(),
+        'settings': settings_used(settings),
+    }
 
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
@@ -324,6 +337,24 @@ def show_round(rounds: list[Round], console: Console) -> None:
     if rounds[-1].rivals:
         parts.append(f'most probable: {row["rivals"]}')
     console.print(f'   {"; ".join(parts)}')
+
+
+def show_end(
+    rounds: list[Round], discovery: Discovery, given: Given, folder: Path, console: Console
+) -> None:
+    """Print the answer, what to do next, and the files."""
+    from pneunet_ros.diagnosis.result import Diagnosis
+    from pneunet_ros.reports.diagnosis.report import next_steps
+    from pneunet_ros.reports.exploration.report import last_sentence
+
+    console.print(last_sentence(rounds))
+    last = rounds[-1].investigation.diagnosis
+    if isinstance(last, Diagnosis):
+        for sentence in next_steps(last, discovery, given):
+            console.print(sentence)
+    for name in (PAGE, NUMBERS, f'{DIAGNOSIS}/report.html'):
+        if (folder / name).exists():
+            console.print(f'wrote {folder / name}')
 
 
 def write_end(
