@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.experiments import (
@@ -24,7 +24,10 @@ from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.moment_law import LinearLaw, MOMENT_LAWS, PiecewiseLinearLaw
 
 if TYPE_CHECKING:
+    from pneunet_ros.calibration.calibration import Calibration
     from pneunet_ros.calibration.motion.motion_fit import MotionFit
+    from pneunet_ros.calibration.parameters import PosteriorState
+    from pneunet_ros.core.progress import OnProgress
     from pneunet_ros.measurement.dataset import RecordingData
     from pneunet_ros.model.arm import Arm
     from pneunet_ros.reports.calibration.verdict import Files
@@ -89,27 +92,19 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Read the recordings, fit, and write the model."""
     from pneunet_ros.calibration.calibration import calibrate
-    from pneunet_ros.cli.calibrate_summary import numbers_of, show
+    from pneunet_ros.cli.calibrate_summary import show
     from pneunet_ros.offline.calibration_files import (
         check_distinct,
         check_recordings,
         described_arm,
-        fitted_in,
         inputs_of,
-        knowledge_file,
-        load_knowledge,
         save_knowledge,
     )
-    from pneunet_ros.reports.calibration.report import write_report
 
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(verb.PAPER_ARM))
     frame = verb.with_gravity(frame, arguments)
-    earlier, known = None, []
-    if arguments.earlier is not None:
-        earlier, before = load_knowledge(arguments.earlier), load_model(arguments.earlier)
-        frame = replace(frame, domain=before.domain)
-        known = fitted_in(before)
+    frame, earlier, known = continued(frame, arguments.earlier)
     check_outputs(arguments)
     check_recordings((*arguments.unloaded, *arguments.loaded, *arguments.motion))
     given = inputs_of((('unloaded', arguments.unloaded), ('loaded', arguments.loaded)))
@@ -141,32 +136,14 @@ def run(arguments: Namespace) -> int:
             arm = described_arm(calibration, arguments.output.stem, frame, provenance)
             if swinging:
                 on_progress('motion', 0, 0)
-                motion, motion_note = fitted_motion(arm, swinging)
-                arm = arm if motion is None else motion.applied_to(arm)
+                arm, motion, motion_note = with_fitted_motion(arm, swinging)
             calibration = replace(calibration, arm=arm)
             save_model(arm, arguments.output, overwrite=arguments.overwrite)
             save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
         files = files_of(arguments)
-        if arguments.report is not None:
-            write_report(
-                calibration,
-                arguments.report,
-                provenance=provenance,
-                files=files,
-                overwrite=arguments.overwrite,
-                on_progress=on_progress,
-            )
-    summary = (
-        numbers_of(calibration, files)
-        | {
-            'output': arguments.output if calibration.joint.converged else None,
-            'knowledge': knowledge_file(arguments.output) if calibration.joint.converged else None,
-            'report': arguments.report,
-            'motion': None if motion is None else asdict(motion),
-            'seconds': time.perf_counter() - started,
-        }
-        | read.summary
-    )
+        write_requested_report(arguments, calibration, provenance, files, on_progress)
+    summary = summary_of(arguments, calibration, files, motion)
+    summary |= {'seconds': time.perf_counter() - started} | read.summary
     if arguments.json:
         verb.print_json(summary | {'provenance': provenance})
     else:
@@ -175,15 +152,67 @@ def run(arguments: Namespace) -> int:
     return verb.DONE if summary['verdict']['fits'] else verb.NEGATIVE
 
 
-def fitted_motion(arm: Arm, runs: Sequence[RecordingData]) -> tuple[MotionFit | None, str]:
+def continued(
+    frame: Arm, earlier: Path | None
+) -> tuple[Arm, PosteriorState | None, list[dict[str, str]]]:
+    """Return the arm in the domain of an earlier calibration, its posterior, and its inputs."""
+    from pneunet_ros.offline.calibration_files import fitted_in, load_knowledge
+
+    if earlier is None:
+        return frame, None, []
+    posterior, before = load_knowledge(earlier), load_model(earlier)
+    return replace(frame, domain=before.domain), posterior, fitted_in(before)
+
+
+def write_requested_report(
+    arguments: Namespace,
+    calibration: Calibration,
+    provenance: Mapping[str, Any],
+    files: Files,
+    on_progress: OnProgress,
+) -> None:
+    """Write the report, if it was requested."""
+    from pneunet_ros.reports.calibration.report import write_report
+
+    if arguments.report is None:
+        return
+    write_report(
+        calibration,
+        arguments.report,
+        provenance=provenance,
+        files=files,
+        overwrite=arguments.overwrite,
+        on_progress=on_progress,
+    )
+
+
+def summary_of(
+    arguments: Namespace, calibration: Calibration, files: Files, motion: MotionFit | None
+) -> dict[str, Any]:
+    """Return the numbers of the summary, and the written files."""
+    from pneunet_ros.cli.calibrate_summary import numbers_of
+    from pneunet_ros.offline.calibration_files import knowledge_file
+
+    converged = calibration.joint.converged
+    return numbers_of(calibration, files) | {
+        'output': arguments.output if converged else None,
+        'knowledge': knowledge_file(arguments.output) if converged else None,
+        'report': arguments.report,
+        'motion': None if motion is None else asdict(motion),
+    }
+
+
+def with_fitted_motion(
+    arm: Arm, runs: Sequence[RecordingData]
+) -> tuple[Arm, MotionFit | None, str]:
     """Fit mass and damping; None and the reason if the recordings do not determine them."""
     from pneunet_ros.calibration.motion.motion_fit import fit_motion
 
     try:
         fit = fit_motion(arm, runs)
     except RequestError as error:
-        return None, f'the model has no motion: {error}'
-    return fit, fit.described
+        return arm, None, f'the model has no motion: {error}'
+    return fit.applied_to(arm), fit, fit.described
 
 
 def files_of(arguments: Namespace) -> Files:
