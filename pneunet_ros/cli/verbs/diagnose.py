@@ -10,18 +10,26 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 import time
+from typing import TYPE_CHECKING
 
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.experiments import add_experiments, calibration_settings, read_experiments
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
-from pneunet_ros.core.progress import part_of
+from pneunet_ros.core.progress import OnProgress, part_of
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
+
+if TYPE_CHECKING:
+    from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
+    from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
+    from pneunet_ros.discovery.result import Discovery
+    from pneunet_ros.measurement.dataset import RecordingData
+    from pneunet_ros.model.arm import Arm
 
 
 def options(parser: ArgumentParser) -> None:
@@ -90,12 +98,10 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Read the recordings, diagnose, and write the results."""
-    from pneunet_ros.cli.diagnose_summary import show, show_unsettled
     from pneunet_ros.cli.provenance import versions
-    from pneunet_ros.diagnosis.diagnosis import investigate, PARTS
-    from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
+    from pneunet_ros.diagnosis.diagnosis import PARTS
+    from pneunet_ros.diagnosis.result import CLEAR
     from pneunet_ros.diagnosis.usable_frames import with_tips
-    from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.offline.calibration_files import check_distinct, check_recordings, inputs_of
     from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
     from pneunet_ros.reports.diagnosis.report import Given
@@ -103,10 +109,14 @@ def run(arguments: Namespace) -> int:
     started = time.perf_counter()
     frame = verb.with_gravity(load_model(arguments.model), arguments)
     recordings = (*arguments.train, *arguments.heldout)
-    sha256 = model_hash(frame)
     check_recordings(recordings)
     inputs = inputs_of((('training', arguments.train), ('heldout', arguments.heldout)))
     check_distinct(inputs)
+    provenance = {
+        'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
+        'inputs': inputs,
+        'versions': versions(),
+    }
     with (
         atomic_output(
             arguments.output,
@@ -120,26 +130,8 @@ def run(arguments: Namespace) -> int:
         frame, training, held_out, tips = with_tips(frame, *read.groups)
         read = replace(read, left_out=(*read.left_out, *tips))
         on_progress = verb.progress_of(bar, 'diagnosing')
-        with executor_for(arguments.scheduler, arguments.effects_path) as executor:
-            investigation = investigate(
-                frame,
-                training,
-                held_out,
-                seed=arguments.seed,
-                executor=executor,
-                on_progress=on_progress,
-                settings=replace(
-                    settings_without(arguments.without),
-                    calibration=calibration_settings(arguments),
-                ),
-            )
-            discovery = discover(investigation, on_progress=part_of(on_progress, 4, PARTS))
-            found = investigation.overruled(discovery.overruling).diagnosis
-        provenance = {
-            'model': {'file': arguments.model.name, 'content_sha256': sha256},
-            'inputs': inputs,
-            'versions': versions(),
-        }
+        investigation, discovery = diagnose(arguments, frame, training, held_out, on_progress)
+        found = investigation.overruled(discovery.overruling).diagnosis
         given = Given(
             notes=read.sentences,
             model=str(arguments.model),
@@ -161,11 +153,48 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         seconds = time.perf_counter() - started
         verb.print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)
-    elif isinstance(found, UnsettledDiagnosis):
-        show_unsettled(found, read.sentences, arguments.output, verb.output_console())
     else:
-        show(found, discovery, read.sentences, arguments.output, verb.output_console())
+        show_answer(found, discovery, read.sentences, arguments.output)
     return verb.DONE if found.answer in CLEAR else verb.NEGATIVE
+
+
+def diagnose(
+    arguments: Namespace,
+    frame: Arm,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    on_progress: OnProgress,
+) -> tuple[Investigation | UnsettledInvestigation, Discovery]:
+    """Diagnose the recordings, and search for laws of what is left."""
+    from pneunet_ros.diagnosis.diagnosis import investigate, PARTS
+    from pneunet_ros.discovery.discovery import discover
+
+    with executor_for(arguments.scheduler, arguments.effects_path) as executor:
+        investigation = investigate(
+            frame,
+            training,
+            held_out,
+            seed=arguments.seed,
+            executor=executor,
+            on_progress=on_progress,
+            settings=replace(
+                settings_without(arguments.without), calibration=calibration_settings(arguments)
+            ),
+        )
+        return investigation, discover(investigation, on_progress=part_of(on_progress, 4, PARTS))
+
+
+def show_answer(
+    found: Diagnosis | UnsettledDiagnosis, discovery: Discovery, notes: Sequence[str], folder: Path
+) -> None:
+    """Print the answer for people."""
+    from pneunet_ros.cli.diagnose_summary import show, show_unsettled
+    from pneunet_ros.diagnosis.result import UnsettledDiagnosis
+
+    if isinstance(found, UnsettledDiagnosis):
+        show_unsettled(found, notes, folder, verb.output_console())
+    else:
+        show(found, discovery, notes, folder, verb.output_console())
 
 
 def settings_without(names: Sequence[str]) -> DiagnosisSettings:
