@@ -363,8 +363,15 @@ class Run:
         torque = np.zeros(self.links + 1)
         torque[-1] += chain.moment[row]
         end = 0.5 * self.link + chain.end_offset_along - self.middles[-1]
-        lever = in_heading(self.arm.clamp_angle + bend_angles[-1], end, chain.end_offset_across)
+        heading = self.arm.clamp_angle + bend_angles[-1]
+        lever = in_heading(heading, end, chain.end_offset_across)
         add_force(force, torque, self.links, chain.force[row], lever)
+        # The mass is at the tip, but its weight acts where the end force does.
+        beyond = in_heading(
+            heading, chain.end_offset_along - self.arm.tip_cap, chain.end_offset_across
+        )
+        weight = chain.tip_mass * chain.pulls[row]
+        torque[-1] += beyond[0] * weight[1] - beyond[1] * weight[0]
         for one in chain.pushes:
             position = one.place
             link = min(int(position / self.link + 0.5), self.links)

@@ -192,6 +192,17 @@ def test_a_string_points_to_its_pulley_under_the_weight_of_the_arm(inertia):
     assert pulled.truth.force[0] == pytest.approx(0.15 * string / np.hypot(*string), abs=2e-4)
 
 
+def test_a_mass_at_the_tip_hangs_where_the_load_is_tied():
+    motion = LabMotion(gravity_y=-1.0, tip_mass=0.01, turn_angle=(0.4, 0.4))
+    scenario = held(35e3, duration=0.1, motion=motion)
+    arm = dataclasses.replace(scenario.arm, tip_cap=0.015)
+    scenario = dataclasses.replace(scenario, arm=arm).with_effects(
+        {'load_offset': {'offset': 0.01}}
+    )
+    still = dataclasses.replace(scenario, motion=dataclasses.replace(motion, inertia=0.0))
+    assert np.abs(tip(simulate(scenario)) - tip(simulate(still))).max() < 2e-5
+
+
 def test_a_live_base_turns_and_its_accelerometer_with_it():
     turn = LabMotion(
         gravity_y=-1.0, turn_share=(0.0, 0.5, 1.0), turn_angle=(0.0, 1.0, 0.0), inertia=0.0
