@@ -16,6 +16,7 @@ from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import reporting_to
+from pneunet_ros.core.units import as_weight
 
 if TYPE_CHECKING:
     from pneunet_ros.measurement.dataset import RecordingData
@@ -30,10 +31,7 @@ STATIC = (
     'estimated from differences in time, and the arm is assumed to have settled in every frame'
 )
 
-CONSTANT = (
-    '--end-load is a constant force, such as a weight hanging from the tip; the pull of a thread '
-    'over a pulley changes direction with the tip: use --string for it'
-)
+NO_PULL = 'the pull of a thread over a pulley changes direction with the tip: use --string for it'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,8 +132,12 @@ def read_experiments(
         run = replace(run, static=arguments.static)
         key = resolved(path)
         if key in loads:
-            if key not in threads:
-                left_out.append(f'{path.name}: {CONSTANT}')
+            size = as_weight(math.hypot(*loads[key]))
+            left_out.append(
+                f'{path.name}: --string pulls with {size}'
+                if key in threads
+                else f'{path.name}: --end-load is a constant force of {size}; {NO_PULL}'
+            )
             return with_known_load(run, loads[key])
         if key in named:
             check_unloaded(run, frame)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any
 
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.cli.table_options import AUTO, table_request
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import as_weight
 from pneunet_ros.estimation.clock_delay import ClockDelay
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.string import String
@@ -67,17 +69,20 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
         check_no_forces(table, '--string')
         if arguments.end_load is not None:
             raise RequestError('give either --end-load or --string, not both', reason='exclusive')
+    string = None if arguments.string is None else string_of('--string', arguments.string)
+    if string is not None:
+        sentences = (*sentences, f'--string pulls with {as_weight(string.tension)}')
     if arguments.end_load is not None:
-        table = with_end_load(
-            table, *(quantity_of('--end-load', text, 'force') for text in arguments.end_load)
-        )
+        load = [quantity_of('--end-load', text, 'force') for text in arguments.end_load]
+        table = with_end_load(table, *load)
+        sentences = (*sentences, f'--end-load is {as_weight(math.hypot(*load))}')
     automatic = arguments.delay in (None, AUTO)
     return FilmReadings(
         path=arguments.readings,
         table=table,
         sentences=sentences,
         delay=None if automatic else quantity_of('--delay', arguments.delay, 'time'),
-        string=None if arguments.string is None else string_of('--string', arguments.string),
+        string=string,
     )
 
 

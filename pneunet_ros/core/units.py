@@ -68,6 +68,11 @@ def millimeters(length: float) -> float:
     return length * 1000.0
 
 
+def as_weight(force: float) -> str:
+    """Write the size of a force (N) and the mass of this weight: a wrong unit then shows."""
+    return f'{force:.3g} N, the weight of {1e3 * force / STANDARD_GRAVITY:.4g} g'
+
+
 def seconds_between(one_ns: int, other_ns: int) -> float:
     """Return the seconds between two stamps, never negative: an age or a gap."""
     return abs(seconds_since(one_ns, other_ns))

@@ -18,6 +18,7 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import as_weight
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.measurement.dataset import frame_instants, frames_in_jumps, RecordingData
@@ -233,8 +234,12 @@ def _match_load(
     if not by_string and not is_constant(wrench.values):
         return wrench.values[at], False, keep
     why = 'was computed from the pull of a string' if by_string else 'never changes'
+    size = as_weight(float(np.hypot(*wrench.values[:, :2].T).max(initial=0.0)))
     sentences.append(
-        Note(f'{wrench.topic} {why}: a known load, not measured by a sensor', reason='known_load')
+        Note(
+            f'{wrench.topic} {why}: a known load of {size}, not measured by a sensor',
+            reason='known_load',
+        )
     )
     if not by_string:
         return wrench.values[at], True, keep

@@ -99,6 +99,7 @@ def test_a_known_end_load(lab):
     np.testing.assert_array_equal(bare.force, np.tile([0.02, -0.1], (10, 1)))
     assert not bare.moment.any()
     assert not idle.load_known
+    assert 'of 0.102 N, the weight of 10.4 g;' in ' '.join(found.left_out)
     for name, load, reason in (
         ('loaded.mcap', ('0', '0.1'), 'exclusive'),
         ('bare.mcap', ('0', 'one'), 'not_a_number'),
@@ -119,6 +120,7 @@ def test_a_string_pulls_from_the_tip_of_every_frame(lab):
     bare = found.groups[0][0]
     assert bare.loaded and bare.load_known
     np.testing.assert_allclose(np.hypot(*bare.force.T), 0.01 * 9.80665)
+    assert 'pulls with 0.0981 N, the weight of 10 g' in ' '.join(found.left_out)
     both = ('--string', 'bare.mcap', '10g', '0.4', '0', '--end-load', 'bare.mcap', '0.1', '0')
     with refused(RequestError, 'exclusive'):
         read('--first', 'bare.mcap', *both)

@@ -79,14 +79,16 @@ def test_dots_painted_by_hand_are_found(tmp_path, capsys, uneven):
 def test_without_forces_nothing_hangs_and_a_known_load_is_no_reading(track):
     bare, _ = read_run(track('film.avi', '--delay', '0.1')[2], TARGETS)
     assert not bare.loaded
-    code, _, output = track(
+    code, said, output = track(
         'film.avi', '--delay', '0.1', '--end-load', '0.1', '-0.02', '--overwrite'
     )
     assert code == 0
+    assert 'the weight of 10.4 g' in said
     hung, sentences = read_run(output, TARGETS)
     assert hung.load_known
     np.testing.assert_array_equal(hung.force, np.tile([0.1, -0.02], (len(hung.stamp_ns), 1)))
     assert 'known_load' in reasons(sentences)
+    assert 'the weight of 10.4 g' in ' '.join(sentences)
 
 
 def test_a_string_has_no_load_where_no_film_shows_the_tip(track):
