@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.model.arm import Arm
@@ -83,43 +84,11 @@ def one_moment(data: FigureData) -> Picture | None:
     for place, section in enumerate(sections):
         start = section[0]
         stop = sections[place + 1][0] if place + 1 < len(sections) else arm.length
-        inside = (view.arclength >= start) & (view.arclength <= stop)
         color = SECTION_COLORS[place]
-        name = section_name(place, len(sections))
         along.axvspan(start / arm.length, stop / arm.length, color=color, alpha=0.08, linewidth=0)
-        if not inside.any():
-            continue
-        lines.errorbar(
-            view.change[inside],
-            MILLI * view.moment[inside],
-            xerr=BAND_SIGMAS * view.std[inside],
-            linestyle='',
-            marker='o',
-            markersize=3.5,
-            color=color,
-            elinewidth=0.6,
-            alpha=0.8,
-            label=f'measured, {name}',
-        )
-        moment = np.array([view.moment[inside].min(), view.moment[inside].max()])
-        moment = moment + 0.15 * np.ptp(moment) * np.array([-1.0, 1.0])
-        lines.plot(
-            moment / section[RIGIDITY],
-            MILLI * moment,
-            color=color,
-            linewidth=2.0,
-            label=f'fitted law, {name}',
-        )
-        seen = view.lines[place]
-        if seen is not None:
-            lines.plot(
-                (moment - seen.offset) / seen.rigidity,
-                MILLI * moment,
-                color=color,
-                linewidth=1.3,
-                linestyle='--',
-                label=f'line through the measured, {name}',
-            )
+        inside = (view.arclength >= start) & (view.arclength <= stop)
+        if inside.any():
+            draw_section(lines, view, sections, place, inside)
     share = view.arclength / arm.length
     draw_band(along, share, view.change, view.std, MEASURED, alpha=0.18)
     along.plot(share, view.change, color=MEASURED, label='measured')
@@ -155,6 +124,44 @@ def one_moment(data: FigureData) -> Picture | None:
         figure,
         number='8 (a)',
     )
+
+
+def draw_section(
+    axes: Axes, view: MomentView, sections: Array, place: int, inside: npt.NDArray[np.bool_]
+) -> None:
+    """Draw the points inside a section, its fitted law, and the line through the points."""
+    color, name = SECTION_COLORS[place], section_name(place, len(sections))
+    axes.errorbar(
+        view.change[inside],
+        MILLI * view.moment[inside],
+        xerr=BAND_SIGMAS * view.std[inside],
+        linestyle='',
+        marker='o',
+        markersize=3.5,
+        color=color,
+        elinewidth=0.6,
+        alpha=0.8,
+        label=f'measured, {name}',
+    )
+    moment = np.array([view.moment[inside].min(), view.moment[inside].max()])
+    moment = moment + 0.15 * np.ptp(moment) * np.array([-1.0, 1.0])
+    axes.plot(
+        moment / sections[place, RIGIDITY],
+        MILLI * moment,
+        color=color,
+        linewidth=2.0,
+        label=f'fitted law, {name}',
+    )
+    seen = view.lines[place]
+    if seen is not None:
+        axes.plot(
+            (moment - seen.offset) / seen.rigidity,
+            MILLI * moment,
+            color=color,
+            linewidth=1.3,
+            linestyle='--',
+            label=f'line through the measured, {name}',
+        )
 
 
 def line_sentence(view: MomentView, data: FigureData) -> str:
