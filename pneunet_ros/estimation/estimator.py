@@ -39,6 +39,26 @@ from pneunet_ros.model.equilibrium import (
 from pneunet_ros.model.perturbation import gravity_of, PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.vibration import links_at
+from pneunet_ros.solver.rod import Rods
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmInputs:
+    """What acts on an arm at a pressure reading.
+
+    sensed: by the readings; load: the true one, without the errors of sensing effects; chamber
+    pressure (Pa), and the history of the actuation.
+    """
+
+    sensed: Load
+    load: Load
+    chamber: float
+    history: tuple[History, ...]
+
+    def rods(self, arm: Arm, load: Load) -> Rods:
+        """Return the rod under another end load and gravity, at the same chamber pressure."""
+        gravity = gravity_of(load, count=1)
+        return arm.rods(np.array([self.chamber]), self.history, load.row, gravity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,29 +146,14 @@ class Estimator:
         self, state: EstimatorState, reading: PressureReading, note: str
     ) -> tuple[EstimatorState, ShapeEstimate | Refusal]:
         """Estimate the shape at a pressure reading."""
-        elapsed = 0.0
-        if state.history_ns is not None:
-            elapsed = seconds_between(state.history_ns, reading.stamp_ns)
         notes = [note] if note else []
-        if elapsed > self.settings.input_timeout:
-            limit = self.settings.input_timeout
+        limit = self.settings.input_timeout
+        if state.seconds_to(reading.stamp_ns) > limit:
             notes.append(f'first pressure after more than {limit:g} s (input_timeout)')
-        gauge = self.settings.pressure.gauge(reading.pressure)
         wrench, age, refusal = self.wrench_at(state, reading.stamp_ns)
         gravity, unknown = self.gravity.at(state.gravity, reading.stamp_ns)
-        sensed = Load(
-            pressure=gauge,
-            force_x=wrench.force_x,
-            force_y=wrench.force_y,
-            moment=wrench.moment,
-            gravity=gravity,
-        )
-        load = self.arm.sense(sensed)
-        history = state.history
-        if history is None:
-            history = self.arm.initial_history(load.pressure)
-        history, chamber = self.arm.actuate(history, elapsed, load.pressure)
-        position = locate_load(self.arm, load, chamber, self.reading_std(reading))
+        inputs = self.inputs_at(state, reading, wrench, gravity)
+        position = locate_load(self.arm, inputs.load, inputs.chamber, self.reading_std(reading))
         off_plane = out_of_plane(self.arm, self.settings, wrench)
         other = state.watch.refusal(reading.stamp_ns)
         refusal = other or refusal or unknown
@@ -156,41 +161,39 @@ class Estimator:
         if refusal is not None and (other or position.reason == OUT_OF_RANGE):
             return state.with_impossible(reading.stamp_ns), refusal
         if refusal is not None:
-            return state.with_reading(reading.stamp_ns, history), refusal
-        rods, changes = self.table.at(chamber, history, load)
-        shape = solve_rod(self.arm, rods, load, state.solution, self.arclength)
+            return state.with_reading(reading.stamp_ns, inputs.history), refusal
+        rods, changes = self.table.at(inputs.chamber, inputs.history, inputs.load)
+        shape = solve_rod(self.arm, rods, inputs.load, state.solution, self.arclength)
         solution = shape.solution
         if solution is None:
             refusal = refuse(reading.stamp_ns, 'no_equilibrium', shape.status)
-            return state.with_reading(reading.stamp_ns, history), refusal
+            return state.with_reading(reading.stamp_ns, inputs.history), refusal
         sensitivity = linearize_shape(solution, rods, changes)
-        noise = noise_jacobian(self.table, sensed, self.reading_std(reading))
-        aged = self.with_age_error(state, noise, sensed, age)
-        errors = propagate_errors(
-            sensitivity, with_extrapolation_error(aged, position), self.arclength
-        )
+        noise = noise_jacobian(self.table, inputs.sensed, self.reading_std(reading))
+        aged = self.with_age_error(state, noise, inputs.sensed, age)
+        aged = with_extrapolation_error(aged, position)
+        errors = propagate_errors(sensitivity, aged, self.arclength)
         if errors is None:
             sentence = (
                 'no covariance: the arm is at a limit point (infinitely sensitive to its loads), '
                 'or readings and model are too uncertain'
             )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
-            return state.with_reading(reading.stamp_ns, history), refusal
+            return state.with_reading(reading.stamp_ns, inputs.history), refusal
         change = self.gravity.change_since(state.gravity, reading.stamp_ns)
-        if change is not None:
-            errors = self.with_gravity_error(errors, shape, load, chamber, history, change)
+        errors = self.with_gravity_error(errors, shape, inputs, change)
         moving = motion = None
         if self.moving is not None and self.places is not None:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
-            passed, course = self.passed_loads(state, reading.stamp_ns, sensed, chamber, history)
+            passed, course = self.passed_loads(state, reading.stamp_ns, inputs)
             moving, motion, shape, errors = self.moving.step(
                 passed, reading.stamp_ns, shape, errors, by_reading, self.places, course
             )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,
             shape=shape,
-            chamber_pressure=chamber,
-            jacobian=jacobian_of(self.arm, sensitivity, history),
+            chamber_pressure=inputs.chamber,
+            jacobian=jacobian_of(self.arm, sensitivity, inputs.history),
             noise=noise,
             errors=errors,
             motion=motion,
@@ -199,21 +202,35 @@ class Estimator:
             gravity=gravity,
             notes=[*notes, *([off_plane.note] if off_plane.warns else [])],
         )
-        return state.with_estimate(reading.stamp_ns, history, solution, moving), estimate
+        return state.with_estimate(reading.stamp_ns, inputs.history, solution, moving), estimate
 
-    def passed_loads(
+    def inputs_at(
         self,
         state: EstimatorState,
-        stamp_ns: int,
-        sensed: Load,
-        chamber: float,
-        history: tuple[History, ...],
+        reading: PressureReading,
+        wrench: WrenchReading,
+        gravity: Direction | None,
+    ) -> ArmInputs:
+        """Return what acts on the arm at a pressure reading, by the readings."""
+        sensed = Load(
+            pressure=self.settings.pressure.gauge(reading.pressure),
+            force_x=wrench.force_x,
+            force_y=wrench.force_y,
+            moment=wrench.moment,
+            gravity=gravity,
+        )
+        load = self.arm.sense(sensed)
+        history, chamber = state.actuate(self.arm, reading.stamp_ns, load.pressure)
+        return ArmInputs(sensed=sensed, load=load, chamber=chamber, history=history)
+
+    def passed_loads(
+        self, state: EstimatorState, stamp_ns: int, inputs: ArmInputs
     ) -> tuple[MovingState | None, Array | None]:
         """Return the motion after the end wrenches read since the last estimate.
 
-        sensed: the readings at the stamp, with chamber pressure (Pa) and history. Also returns the
-        covariance of `MovingArm.pass_loads`; None if there are no such wrenches. A gap of more
-        than input_timeout, or with a load without equilibrium, is passed in one step.
+        inputs: at the stamp. Also returns the covariance of `MovingArm.pass_loads`; None if there
+        are no such wrenches. A gap of more than input_timeout, or with a load without equilibrium,
+        is passed in one step.
         """
         moving, solution = state.moving, state.solution
         if self.moving is None or moving is None or not state.passed:
@@ -224,8 +241,8 @@ class Estimator:
             return moving, None
         loaded = []
         for wrench in (state.passed[0], *between):
-            load = self.arm.sense(with_wrench(sensed, wrench))
-            rods = self.arm.rods(np.array([chamber]), history, load.row, gravity_of(load, count=1))
+            load = self.arm.sense(with_wrench(inputs.sensed, wrench))
+            rods = inputs.rods(self.arm, load)
             shape = solve_rod(self.arm, rods, load, solution, self.arclength, quick=True)
             solution = shape.solution
             if solution is None:
@@ -247,18 +264,15 @@ class Estimator:
         return with_age_error(noise, now - before, age / between)
 
     def with_gravity_error(
-        self,
-        errors: PropagatedErrors,
-        shape: Shape,
-        load: Load,
-        chamber: float,
-        history: tuple[History, ...],
-        change: Direction,
+        self, errors: PropagatedErrors, shape: Shape, inputs: ArmInputs, change: Direction | None
     ) -> PropagatedErrors:
-        """Return the errors of a shape with that of its gravity, one sigma in g."""
-        assert load.gravity is not None
-        turned = replace(load, gravity=(load.gravity[0] + change[0], load.gravity[1] + change[1]))
-        rods = self.arm.rods(np.array([chamber]), history, load.row, gravity_of(turned, count=1))
+        """Return the errors of a shape with that of its gravity, one sigma in g; None: known."""
+        if change is None:
+            return errors
+        gravity = inputs.load.gravity
+        assert gravity is not None
+        turned = replace(inputs.load, gravity=(gravity[0] + change[0], gravity[1] + change[1]))
+        rods = inputs.rods(self.arm, turned)
         there = solve_rod(self.arm, rods, turned, shape.solution, self.arclength, quick=True)
         if there.solution is None:
             return errors

@@ -57,6 +57,19 @@ class EstimatorState:
             passed=(*self.passed, wrench) if keep else self.passed,
         )
 
+    def seconds_to(self, stamp_ns: int) -> float:
+        """Return the time (s) since the last pressure in the history; 0 before the first."""
+        return 0.0 if self.history_ns is None else seconds_between(self.history_ns, stamp_ns)
+
+    def actuate(
+        self, arm: Arm, stamp_ns: int, pressure: float
+    ) -> tuple[tuple[History, ...], float]:
+        """Return history and chamber pressure (Pa) at a stamp with this true pressure (Pa)."""
+        history = self.history
+        if history is None:
+            history = arm.initial_history(pressure)
+        return arm.actuate(history, self.seconds_to(stamp_ns), pressure)
+
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
         """Return the state after a pressure reading without an estimate."""
         return replace(

@@ -255,15 +255,9 @@ class Fusion:
     def instant_at(self, state: FusionState, reading: PressureReading) -> PressureInstant:
         """Return the state of the chamber that follows from a pressure reading."""
         before = state.readings
-        elapsed = 0.0
-        if before.history_ns is not None:
-            elapsed = seconds_between(before.history_ns, reading.stamp_ns)
         gauge = self.sensors.pressure.gauge(reading.pressure)
         sensed = self.arm.sense(Load(pressure=gauge)).pressure
-        history = before.history
-        if history is None:
-            history = self.arm.initial_history(sensed)
-        history, chamber = self.arm.actuate(history, elapsed, sensed)
+        history, chamber = before.actuate(self.arm, reading.stamp_ns, sensed)
         earlier = bisect_left(state.pressures, reading.stamp_ns, key=stamp_of)
         last = state.pressures[earlier - 1] if earlier else None  # not one stamped ahead
         step = math.inf if last is None else smallest_change(last.step, gauge - last.gauge)
@@ -273,6 +267,7 @@ class Fusion:
             rounding = self.model.pressure_rounding(step)
             std = with_rounding(self.arm.sensors.pressure_std, rounding)
         memory = () if last is None else last.memory
+        elapsed = before.seconds_to(reading.stamp_ns)
         return PressureInstant(
             stamp_ns=reading.stamp_ns,
             gauge=gauge,
