@@ -55,6 +55,10 @@ OFF_GRID = 0.1  # of a step: decimals are rounded
 ON_GRID = 0.9  # share of the levels
 
 
+# Standard deviation by its name in `SensorNoise`, None if undetermined, and its source.
+Found = dict[str, tuple[float | None, str]]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseEstimate:
     """The estimated noise, with the source of each standard deviation.
@@ -82,7 +86,7 @@ def estimate_noise(
         assumed = replace(assumed, heading_std=NOISE_ESTIMATE.heading)
     runs = in_time(runs)
     readings = readings_of(runs)
-    found: dict[str, tuple[float | None, str]] = {
+    found: Found = {
         f'{name}_std': (
             second_differences(resting_series(series)),
             f'second differences of {name} readings in time',
@@ -97,13 +101,40 @@ def estimate_noise(
         found['heading_std'] = LEAST_TARGET, f'{words}: {REPEATED}'
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
-    correlated_targets, correlation = correlation_at_rest(runs, pressure_std)
-    notes = []
     # Both components of a force are read by one sensor.
     forces = [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads_of(runs)]
-    stepped = readings | {'force': forces}
+    notes = include_steps(found, readings | {'force': forces}, assumed)
+    notes += include_correlation(found, *correlation_at_rest(runs, pressure_std))
+    found['placement_std'] = (
+        placement(runs, arclength, white, assumed.placement_std),
+        'distance of targets from a smooth curve while the arm is straightest',
+    )
+    registration, drift = camera(runs, arclength, white)
+    found['registration_std'] = (
+        registration,
+        'motion of the target at the clamp, between recordings',
+    )
+    found['drift_std'] = drift, 'motion of the target at the clamp, within recordings'
+    if not headings:
+        del found['heading_std']
+    sources = {name: ASSUMED if std is None else why for name, (std, why) in found.items()}
+    estimated = {
+        name: float(f'{max(std, SMALLEST):.3g}')
+        for name, (std, _) in found.items()
+        if std is not None
+    }
+    noise = replace(assumed, **estimated)
+    notes += differing_noise(noise, assumed, sources)
+    return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
+
+
+def include_steps(
+    found: Found, readings: Mapping[str, Sequence[Array]], assumed: SensorNoise
+) -> list[Note]:
+    """Include the rounding of readings in coarse steps in what was found; describe it."""
+    notes = []
     for name, unit in STEPPED:
-        step, key = resolution_of(stepped[name]), f'{name}_std'
+        step, key = resolution_of(readings[name]), f'{name}_std'
         coarse, sentence = with_step(found[key][0], getattr(assumed, key), step, unit)
         if not sentence:
             continue
@@ -117,41 +148,30 @@ def estimate_noise(
                 reason='coarse_steps',
             )
         )
-    if correlated_targets > 1.0 and found['target_std'][0] is not None:
-        factor = math.sqrt(correlated_targets)
-        found['target_std'] = (
-            factor * white,
-            f'{found["target_std"][1]}, times {factor:.2g}: neighboring targets are correlated',
-        )
-        notes.append(
-            Note(
-                'while the arm rests, the errors of neighboring targets are correlated '
-                f'({correlation:.2f}), as with hot air, a curved window or lossy video. The noise '
-                f'of each target is set to {factor:.2g} times the measured noise',
-                reason='alike_neighbors',
-            )
-        )
-    found['placement_std'] = (
-        placement(runs, arclength, white, assumed.placement_std),
-        'distance of targets from a smooth curve while the arm is straightest',
+    return notes
+
+
+def include_correlation(found: Found, alike: float, correlation: float) -> list[Note]:
+    """Include the correlation of targets at rest in their noise that was found; describe it.
+
+    alike: number of neighboring targets with the same error.
+    """
+    white, source = found['target_std']
+    if not alike > 1.0 or white is None:
+        return []
+    factor = math.sqrt(alike)
+    found['target_std'] = (
+        factor * white,
+        f'{source}, times {factor:.2g}: neighboring targets are correlated',
     )
-    registration, drift = camera(runs, arclength, white)
-    found['registration_std'] = (
-        registration,
-        'motion of the target at the clamp, between recordings',
-    )
-    found['drift_std'] = drift, 'motion of the target at the clamp, within recordings'
-    noise, sources = assumed, {}
-    for name, (std, sentence) in found.items():
-        if name == 'heading_std' and not headings:
-            continue
-        if std is None:
-            sources[name] = ASSUMED
-            continue
-        sources[name] = sentence
-        noise = replace(noise, **{name: float(f'{max(std, SMALLEST):.3g}')})
-    notes += differing_noise(noise, assumed, sources)
-    return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
+    return [
+        Note(
+            'while the arm rests, the errors of neighboring targets are correlated '
+            f'({correlation:.2f}), as with hot air, a curved window or lossy video. The noise '
+            f'of each target is set to {factor:.2g} times the measured noise',
+            reason='alike_neighbors',
+        )
+    ]
 
 
 def in_time(runs: Sequence[RecordingData]) -> list[RecordingData]:
