@@ -55,41 +55,8 @@ def resolve(
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
     pressures = count_separated(pressure.tolist(), same_pressure(arm, settings))
     constant = has_one_pressure(runs, arm, settings)
-    notes = []
-    if shapes == 1:
-        shown = f'{count_of(targets, "target")}, {places(targets)}' if targets else 'one heading'
-        notes.append(
-            Note(
-                f'assuming constant curvature along the arm, because the frames show only {shown}',
-                reason='constant_curvature',
-            )
-        )
-    elif shapes < settings.knots:
-        heading = ' and a heading of the tip' if with_heading else ''
-        notes.append(
-            Note(
-                f'the curvature along the arm is described by {shapes} numbers, the number of '
-                f'well-separated targets beyond the clamp{heading} '
-                f'({count_of(targets, "target")} seen)',
-                reason='few_shapes',
-            )
-        )
-    if constant:
-        notes.append(
-            Note(
-                f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: '
-                'the model has one row of curvature and is not valid at other pressures',
-                reason='one_pressure',
-            )
-        )
-    elif pressures < settings.few_pressures:
-        notes.append(
-            Note(
-                f'only {pressures} pressures were recorded: between them, the curvature is '
-                'smoothly interpolated',
-                reason='few_pressures',
-            )
-        )
+    notes = describe_shapes(shapes, targets, with_heading, settings)
+    notes += describe_pressures(float(np.median(pressure)), pressures, constant, settings)
     frames = sum(len(run.stamp_ns) for run in loaded)
     law, law_notes = PiecewiseLinearLaw.kind, []
     if loaded and (frames < NOISE_ESTIMATE.fewest or shapes < settings.law_shapes or constant):
@@ -112,6 +79,54 @@ def resolve(
         notes=tuple(notes),
         law_notes=tuple(law_notes),
     )
+
+
+def describe_shapes(
+    shapes: int, targets: Sequence[float], with_heading: bool, settings: ResolutionSettings
+) -> list[Note]:
+    """Describe how few numbers along the arm the targets (m) determine; empty if all."""
+    seen = count_of(targets, 'target')
+    if shapes == 1:
+        shown = f'{seen}, {places(targets)}' if targets else 'one heading'
+        return [
+            Note(
+                f'assuming constant curvature along the arm, because the frames show only {shown}',
+                reason='constant_curvature',
+            )
+        ]
+    if shapes >= settings.knots:
+        return []
+    heading = ' and a heading of the tip' if with_heading else ''
+    return [
+        Note(
+            f'the curvature along the arm is described by {shapes} numbers, the number of '
+            f'well-separated targets beyond the clamp{heading} ({seen} seen)',
+            reason='few_shapes',
+        )
+    ]
+
+
+def describe_pressures(
+    pressure: float, pressures: int, constant: bool, settings: ResolutionSettings
+) -> list[Note]:
+    """Describe how few pressures were recorded; empty if enough. pressure (Pa): the median."""
+    if constant:
+        return [
+            Note(
+                f'the pressure is {kilopascals(pressure):.3g} kPa throughout: the model has one '
+                'row of curvature and is not valid at other pressures',
+                reason='one_pressure',
+            )
+        ]
+    if pressures >= settings.few_pressures:
+        return []
+    return [
+        Note(
+            f'only {pressures} pressures were recorded: between them, the curvature is smoothly '
+            'interpolated',
+            reason='few_pressures',
+        )
+    ]
 
 
 def count_separated(values: Sequence[float], distance: float) -> int:
