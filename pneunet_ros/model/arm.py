@@ -125,36 +125,9 @@ class Arm:
     def __post_init__(self) -> None:
         """Check the numbers, and sort the effects in the order of the table."""
         check_quantities(self, 'arm')
-        targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
-        inside = targets.size == 0 or (
-            targets[0] >= 0.0 and targets[-1] <= self.reach * (1 + 1e-9)
-        )
-        if not inside or not np.all(np.diff(targets) > 0.0):
-            raise ModelError(
-                'arm.target_arclength must increase, from 0 or more to at most the length '
-                f'{self.length} m' + (f' and the cap of {self.tip_cap} m' if self.tip_cap else ''),
-                reason='not_increasing',
-            )
+        object.__setattr__(self, 'target_arclength', self._checked_targets())
         object.__setattr__(self, 'inertia', self._inertia())
-        names = [effect.name for effect in self.effects]
-        if len(set(names)) != len(names):
-            raise ModelError(f'an effect is given twice: {", ".join(names)}', reason='given_twice')
-        order = list(EFFECTS)
-        effects = tuple(
-            sorted(
-                self.effects,
-                key=lambda effect: (
-                    order.index(effect.name) if effect.name in order else len(order)
-                ),
-            )
-        )
-        object.__setattr__(self, 'target_arclength', targets)
-        object.__setattr__(self, 'effects', effects)
-        for place, method in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
-            acting_there = tuple(item for item in effects if item.implements(method))
-            object.__setattr__(self, place, acting_there)
-        dependent = [i for i, item in enumerate(self.acting) if item.implements('history_terms')]
-        object.__setattr__(self, 'history_dependent', tuple(dependent))
+        self._sort_effects()
         object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
         object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
         low, high = self.moment_law.pressure_range
@@ -176,21 +149,61 @@ class Arm:
             )
         self._take_domain()
         object.__setattr__(self, 'table', self.build_table())
-        if self.covariance is not None:
-            self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # they must exist
-            if 'arm.tip_cap' in self.covariance.quantities and not self.tip_cap:
-                raise ModelError(
-                    'covariance: arm.tip_cap is uncertain, but the arm has no cap: state its '
-                    'length, or remove the quantity',
-                    reason='missing',
-                )
-            placement = self.covariance.placement
-            if placement is not None and placement.mean.size != 2 * targets.size:
-                raise ModelError(
-                    f'covariance.placement is for {placement.mean.size // 2} targets, but the '
-                    f'arm has {targets.size}: remove it if other targets were painted',
-                    reason='wrong_shape',
-                )
+        self._check_covariance()
+
+    def _checked_targets(self) -> Array:
+        """Return the positions of the targets; ModelError if they are not along the arm."""
+        targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
+        inside = targets.size == 0 or (
+            targets[0] >= 0.0 and targets[-1] <= self.reach * (1 + 1e-9)
+        )
+        if not inside or not np.all(np.diff(targets) > 0.0):
+            raise ModelError(
+                'arm.target_arclength must increase, from 0 or more to at most the length '
+                f'{self.length} m' + (f' and the cap of {self.tip_cap} m' if self.tip_cap else ''),
+                reason='not_increasing',
+            )
+        return targets
+
+    def _sort_effects(self) -> None:
+        """Sort the effects in the order of the table, and by what they act on."""
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) != len(names):
+            raise ModelError(f'an effect is given twice: {", ".join(names)}', reason='given_twice')
+        order = list(EFFECTS)
+        effects = tuple(
+            sorted(
+                self.effects,
+                key=lambda effect: (
+                    order.index(effect.name) if effect.name in order else len(order)
+                ),
+            )
+        )
+        object.__setattr__(self, 'effects', effects)
+        for place, method in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
+            acting_there = tuple(item for item in effects if item.implements(method))
+            object.__setattr__(self, place, acting_there)
+        dependent = [i for i, item in enumerate(self.acting) if item.implements('history_terms')]
+        object.__setattr__(self, 'history_dependent', tuple(dependent))
+
+    def _check_covariance(self) -> None:
+        """Reject a covariance of quantities or targets that the arm does not have."""
+        if self.covariance is None:
+            return
+        self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # they must exist
+        if 'arm.tip_cap' in self.covariance.quantities and not self.tip_cap:
+            raise ModelError(
+                'covariance: arm.tip_cap is uncertain, but the arm has no cap: state its '
+                'length, or remove the quantity',
+                reason='missing',
+            )
+        placement, targets = self.covariance.placement, self.target_arclength.size
+        if placement is not None and placement.mean.size != 2 * targets:
+            raise ModelError(
+                f'covariance.placement is for {placement.mean.size // 2} targets, but the '
+                f'arm has {targets}: remove it if other targets were painted',
+                reason='wrong_shape',
+            )
 
     def _inertia(self) -> Motion | None:
         """Return the inertia of the arm: the block `motion`, or an effect that is not neutral."""
