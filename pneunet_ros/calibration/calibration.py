@@ -24,16 +24,19 @@ from pneunet_ros.calibration.checks.consistency import (
     describe_pressure_noise,
     outlier_recordings,
 )
-from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, FramesInMotion
+from pneunet_ros.calibration.checks.frames_in_motion import FramesInMotion
 from pneunet_ros.calibration.checks.identifiability import undetermined_quantities
 from pneunet_ros.calibration.checks.left_out_levels import leave_levels_out, LeftOutLevels, LEVELS
-from pneunet_ros.calibration.checks.left_out_recordings import leave_recordings_out
+from pneunet_ros.calibration.checks.left_out_recordings import (
+    leave_recordings_out,
+    LeftOutRecordings,
+)
 from pneunet_ros.calibration.checks.nonuniformity import (
     consider_nonuniformity,
     describe_nonuniformity,
 )
 from pneunet_ros.calibration.checks.preconditions import describe_clamp
-from pneunet_ros.calibration.checks.resolution import Resolution, resolve
+from pneunet_ros.calibration.checks.resolution import Resolution
 from pneunet_ros.calibration.checks.stiffness_variation import (
     describe_variation,
     guessed_columns,
@@ -43,16 +46,16 @@ from pneunet_ros.calibration.checks.stiffness_variation import (
 from pneunet_ros.calibration.experiments import FitSequence, LawScore
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
-from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
+from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import PosteriorState
+from pneunet_ros.calibration.prepared_recordings import prepare, PreparedRecordings
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.measurement.dataset import RecordingData, thinned
-from pneunet_ros.measurement.tip_pose import with_tip_target
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain, spanned_domain
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -165,118 +168,173 @@ def calibrate_as_stamped(
     settings: CalibrationSettings,
 ) -> Calibration:
     """Calibrate once, without correcting the clocks of the cameras (see `calibrate`)."""
-    if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
-        allowed = ', '.join(MOMENT_LAW_PARAMETERS)
-        raise RequestError(
-            f'the moment law must be one of {allowed}, not {kind}', reason='unknown_kind'
-        )
-    painted = frame.target_arclength
-    frame = elongation.without_fitted(frame)
-    frame, runs = with_tip_target(
-        frame, [*unloaded, *loaded], always=earlier is not None and earlier.has_tip(painted.size)
-    )
-    unloaded, loaded, motion = checked_at_rest(
-        runs[: len(unloaded)],
-        runs[len(unloaded) :],
-        frame,
-        first=earlier is None,
-        settings=settings,
-    )
-    count = len(unloaded)
-    every = [*(run.without_load() for run in unloaded), *loaded]
-    runs = thinned([*unloaded, *loaded], settings.experiments.most_frames)
-    unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
-    runs = [*unloaded, *loaded]
-    noise = estimate_noise(every, frame.target_arclength, frame.sensors)
-    earlier_domain = frame.domain if earlier is not None else None
-    frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
-    resolution = resolve(frame, unloaded, loaded, settings.resolution)
+    check_kind(kind)
+    prepared = prepare(unloaded, loaded, frame, earlier, settings)
+    resolution = prepared.resolution
     if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
         raise RequestError(
             f'the law {kind} needs several pressures, but the pressure never changes; use --law '
             'linear',
             reason='one_pressure',
         )
-    fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
-    fits.planned = 1 if earlier is not None else fits_ahead(resolution, len(loaded), compare)
-    if earlier is None:
-        fits.check_law(loaded)
-    laws: tuple[LawScore, ...] = ()
-    without: tuple[Fit, ...] = ()
-    if earlier is not None:
-        free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
-    elif resolution.constant_pressure:
-        free = joint = fits.at_one_pressure(runs, kind or resolution.law)
-    else:
-        free = joint = fits.first_experiment(unloaded)
-    if loaded and earlier is None and not resolution.constant_pressure:
-        law = fits.law(kind or resolution.law, fits.stiffness(runs, free))
-        joint = fits.joint(runs, free, law)
-        if compare and len(loaded) > 1 and resolution.law == PiecewiseLinearLaw.kind:
-            laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
-            without = next(item.fits for item in laws if item.kind == law.kind)
-        elif compare and len(loaded) > 1:
-            without = fits.without_each(unloaded, loaded, free, law)
-    recordings = leave_recordings_out(joint, without) if without else None
-    left_out = None
-    if resolution.free_shapes is not None and not loaded and earlier is None:
-        left_out = leave_levels_out(unloaded, free, fits.first_experiment)
-    notes = undetermined_quantities(joint)
-    # A continued calibration estimates the nonuniformity again, but leaves nothing out again.
-    kept, joint = (
-        joint,
-        consider_nonuniformity(joint, settings.resolution, shown=resolution.shapes),
+    fits = FitSequence(
+        prepared.frame,
+        prepared.noise,
+        prepared.runs,
+        on_progress,
+        resolution=resolution,
+        settings=settings,
     )
-    for found in (left_out, recordings):
-        if found is not None:
-            kept, joint = kept.widened(found.excess), joint.widened(found.excess)
-    posterior = kept.posterior(*fits.span(earlier))
-    if loaded:
+    continued = earlier is not None
+    fits.planned = 1 if continued else fits_ahead(resolution, len(prepared.loaded), compare)
+    found = fit_experiments(fits, prepared, kind, compare, earlier)
+    widened = widen(fits, prepared, found, continued)
+    joint, posterior = widened.joint, widened.kept.posterior(*fits.span(earlier))
+    if prepared.loaded:
         on_progress('stiffness along the arm', fits.done, fits.planned)
-    variation = stiffness_variation(joint, noise.noise)
+    variation = stiffness_variation(joint, prepared.noise.noise)
     guessed = guessed_columns(joint, variation)
+    painted = frame.target_arclength
     covariance, explained_variance = low_rank(
         joint,
         painted=painted.size,
         guessed=guessed,
-        base_turn_std=max(run.base_turn_std for run in runs),
+        base_turn_std=max(run.base_turn_std for run in prepared.runs),
     )
     joint = joint.widened(guessed)
-    outliers = outlier_recordings(joint)
+    domain = domain_of(joint, frame.domain if continued else None)
     return Calibration(
-        arm=replace(
-            joint.arm,
-            target_arclength=painted,
-            covariance=covariance,
-            domain=domain_of(joint, earlier_domain),
-        ),
-        noise=noise,
+        arm=replace(joint.arm, target_arclength=painted, covariance=covariance, domain=domain),
+        noise=prepared.noise,
         posterior=posterior,
-        free=free,
+        free=found.free,
         joint=joint,
-        laws=laws,
+        laws=found.laws,
         explained_variance=explained_variance,
-        notes=(
-            *(() if motion is None else (motion.left_out,)),
-            *noise.notes,
-            *describe_thinning(runs, every),
-            *describe_clamp(runs, frame),
-            *resolution.notes,
-            *describe_structure(joint, resolution),
-            *(() if left_out is None else (left_out.sentence,)),
-            *(() if recordings is None else recordings.sentences),
-            *(resolution.law_notes if kind is None else ()),
-            *describe_nonuniformity(joint, settings.resolution),
-            *notes,
-            *describe_misfit(joint),
-            *describe_pressure_noise(noise.noise.pressure_std, fits.high - fits.low),
-            *describe_variation(joint, variation, law_given=kind is not None),
-            *outliers,
-        ),
+        notes=notes_of(fits, prepared, replace(widened, joint=joint), variation, kind),
         variation=variation,
-        left_out=left_out,
-        motion=motion,
+        left_out=widened.left_out,
+        motion=prepared.motion,
         settings=settings,
+    )
+
+
+def check_kind(kind: str | None) -> None:
+    """Reject an unknown moment law."""
+    if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
+        allowed = ', '.join(MOMENT_LAW_PARAMETERS)
+        raise RequestError(
+            f'the moment law must be one of {allowed}, not {kind}', reason='unknown_kind'
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ExperimentFits:
+    """The fits of both experiments.
+
+    free, joint, laws: as in `Calibration`. without: fits without each loaded recording, if they
+    were compared.
+    """
+
+    free: Fit
+    joint: Fit
+    laws: tuple[LawScore, ...] = ()
+    without: tuple[Fit, ...] = ()
+
+
+def fit_experiments(
+    fits: FitSequence,
+    prepared: PreparedRecordings,
+    kind: str | None,
+    compare: bool,
+    earlier: PosteriorState | None,
+) -> ExperimentFits:
+    """Fit both experiments as far as they were recorded; arguments as in `calibrate`."""
+    unloaded, loaded, resolution = prepared.unloaded, prepared.loaded, prepared.resolution
+    if earlier is not None:
+        new = fits.continue_from(earlier, prepared.runs, kind, bool(loaded))
+        return ExperimentFits(free=new, joint=new)
+    fits.check_law(loaded)
+    if resolution.constant_pressure:
+        beam = fits.at_one_pressure(prepared.runs, kind or resolution.law)
+        return ExperimentFits(free=beam, joint=beam)
+    free = fits.first_experiment(unloaded)
+    if not loaded:
+        return ExperimentFits(free=free, joint=free)
+    law = fits.law(kind or resolution.law, fits.stiffness(prepared.runs, free))
+    joint = fits.joint(prepared.runs, free, law)
+    if not compare or len(loaded) == 1:
+        return ExperimentFits(free=free, joint=joint)
+    if resolution.law != PiecewiseLinearLaw.kind:
+        without = fits.without_each(unloaded, loaded, free, law)
+        return ExperimentFits(free=free, joint=joint, without=without)
+    laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
+    without = next(item.fits for item in laws if item.kind == law.kind)
+    return ExperimentFits(free=free, joint=joint, laws=laws, without=without)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WidenedFit:
+    """The fit to all recordings, with error bars that include its changes when some are left out.
+
+    joint: also with the nonuniformity of the arm; kept: without it, for continuing this
+    calibration. undetermined: notes on undetermined quantities. left_out, recordings: results of
+    leaving out pressures and recordings; None if nothing was left out.
+    """
+
+    joint: Fit
+    kept: Fit
+    undetermined: Sequence[Note]
+    left_out: LeftOutLevels | None
+    recordings: LeftOutRecordings | None
+
+
+def widen(
+    fits: FitSequence, prepared: PreparedRecordings, found: ExperimentFits, continued: bool
+) -> WidenedFit:
+    """Widen the error bars of the fit to all recordings."""
+    joint, resolution = found.joint, prepared.resolution
+    recordings = leave_recordings_out(joint, found.without) if found.without else None
+    left_out = None
+    if resolution.free_shapes is not None and not prepared.loaded and not continued:
+        left_out = leave_levels_out(prepared.unloaded, found.free, fits.first_experiment)
+    undetermined = undetermined_quantities(joint)
+    # A continued calibration estimates the nonuniformity again, but leaves nothing out again.
+    kept = joint
+    joint = consider_nonuniformity(joint, fits.settings.resolution, shown=resolution.shapes)
+    for checked in (left_out, recordings):
+        if checked is not None:
+            kept, joint = kept.widened(checked.excess), joint.widened(checked.excess)
+    return WidenedFit(
+        joint=joint, kept=kept, undetermined=undetermined, left_out=left_out, recordings=recordings
+    )
+
+
+def notes_of(
+    fits: FitSequence,
+    prepared: PreparedRecordings,
+    widened: WidenedFit,
+    variation: StiffnessVariation | None,
+    kind: str | None,
+) -> tuple[Note, ...]:
+    """Return the notes of a calibration, in the order in which it proceeds."""
+    joint, left_out, recordings = widened.joint, widened.left_out, widened.recordings
+    return (
+        *(() if prepared.motion is None else (prepared.motion.left_out,)),
+        *prepared.noise.notes,
+        *describe_thinning(prepared.runs, prepared.every),
+        *describe_clamp(prepared.runs, prepared.frame),
+        *prepared.resolution.notes,
+        *describe_structure(joint, prepared.resolution),
+        *(() if left_out is None else (left_out.sentence,)),
+        *(() if recordings is None else recordings.sentences),
+        *(prepared.resolution.law_notes if kind is None else ()),
+        *describe_nonuniformity(joint, fits.settings.resolution),
+        *widened.undetermined,
+        *describe_misfit(joint),
+        *describe_pressure_noise(prepared.noise.noise.pressure_std, fits.high - fits.low),
+        *describe_variation(joint, variation, law_given=kind is not None),
+        *outlier_recordings(joint),
     )
 
 
