@@ -120,14 +120,8 @@ def test_where_no_model_is_known_only_what_no_actuator_has_is_accused():
 @pytest.mark.parametrize(('low', 'high'), [(-60e3, 60e3), (-30e3, 60e3), (-80e3, 30e3)])
 def test_an_actuator_with_pressure_and_vacuum_is_not_accused(low, high):
     values = low + (high - low) * NOISY / NOISY.max()
-    assert not verdict([0.0, 0.0, *values], expected=ANY_ACTUATOR).contradicted
-    assert not verdict([*values, 0.0, 0.0], expected=ANY_ACTUATOR).contradicted
-
-
-def test_a_table_that_begins_at_zero_with_one_row_a_level_is_not_accused():
-    levels = 1e3 * np.r_[0:40:5, 40:-60:-5, -60:0:5]
-    assert not verdict(levels, expected=ANY_ACTUATOR).contradicted
-    assert not verdict(levels[::-1], expected=ANY_ACTUATOR).contradicted
+    assert not verdict([0.0, *values], expected=ANY_ACTUATOR).contradicted
+    assert not verdict([*values, 0.0], expected=ANY_ACTUATOR).contradicted
 
 
 @pytest.mark.parametrize(('zero', 'top'), [(-10e3, 1e5), (-20e3, 1e5), (-40e3, 6e4), (-60e3, 1e5)])
@@ -135,12 +129,6 @@ def test_without_a_model_a_zero_that_was_never_set_is_found(zero, top):
     found = verdict(zero + top * NOISY / NOISY.max(), expected=ANY_ACTUATOR)
     assert found.contradicted
     assert found.other.offset == pytest.approx(-zero, abs=500.0)
-
-
-def test_one_glitch_at_an_end_hides_no_zero_that_was_never_set():
-    values = NOISY - 20e3
-    for readings in ([0.0, *values], [*values, 0.0]):
-        assert verdict(readings, expected=ANY_ACTUATOR).contradicted
 
 
 @pytest.mark.parametrize('air', [85e3, 90e3, 95e3])

@@ -210,9 +210,9 @@ def check_meaning(
     """
     every = [[declared.reading(one) for one in run.frame_pressure.tolist()] for run in runs]
     readings = [one for of_run in every for one in of_run]
-    ends = [end for of_run in every for end in record_of(range(len(of_run)), of_run).ends]
+    ends = [of_run[end] for of_run in every for end in (0, -1)]
     # Of all recordings one may begin or end without pressure, whichever is listed first.
-    record = replace(record_of(range(len(readings)), readings), first=(min(ends, key=abs),))
+    record = replace(record_of(range(len(readings)), readings), first=min(ends, key=abs))
     verdict = judge_pressure(record, declared, [*ANY_ACTUATOR, expected_of(arm)], moves=moves)
     if verdict is not None and verdict.contradicted:
         raise RecordingError(

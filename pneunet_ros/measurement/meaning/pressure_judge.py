@@ -125,7 +125,7 @@ class PressureRecord:
     """Statistics of the readings of a pressure sensor, in its unit.
 
     low, high: extremes of running medians of three readings, so that single glitches do not count;
-    first, last: the first and the last four readings. steps: sum of squared differences; curved,
+    first: the first reading; last: the last two. steps: sum of squared differences; curved,
     log_curved: number of nonzero second differences, and the sum of the logarithms of their size.
     """
 
@@ -134,7 +134,7 @@ class PressureRecord:
     last_ns: int = 0
     low: float = math.inf
     high: float = -math.inf
-    first: tuple[float, ...] = ()
+    first: float = 0.0
     last: tuple[float, ...] = ()
     steps: float = 0.0
     curved: int = 0
@@ -142,7 +142,7 @@ class PressureRecord:
 
     def after(self, stamp_ns: int, reading: float) -> PressureRecord:
         """Return the record with one more reading, which is finite."""
-        recent = (*self.last[-2:], reading)
+        recent = (*self.last, reading)
         median = sorted(recent)[len(recent) // 2]
         started = self.count > 1  # with two readings the median is one of them
         step = reading - self.last[-1] if self.last else 0.0
@@ -154,17 +154,12 @@ class PressureRecord:
             last_ns=stamp_ns,
             low=min(self.low, median) if started else min(recent),
             high=max(self.high, median) if started else max(recent),
-            first=self.first if len(self.first) == 4 else (*self.first, reading),
-            last=(*self.last[-3:], reading),
+            first=self.first if self.count else reading,
+            last=recent[-2:],
             steps=self.steps + step * step,
             curved=self.curved + curved,
             log_curved=self.log_curved + (math.log(abs(second)) if curved else 0.0),
         )
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """First and last reading, without a single glitch."""
-        return end_of(self.first), end_of(self.last[::-1])
 
     @property
     def seconds(self) -> float:
@@ -195,14 +190,6 @@ class PressureRecord:
         """Range divided by the noise estimated from successive differences."""
         step = math.sqrt(self.steps / max(self.count - 1, 1) / 2.0)
         return (self.high - self.low) / step if 0.0 < step < math.inf else 0.0
-
-
-def end_of(readings: Sequence[float]) -> float:
-    """Return the first of four readings, smoothed by Tukey's end-point rule (EDA, 1977)."""
-    if len(readings) < 4:
-        return readings[0]
-    second, third = (sorted(readings[start : start + 3])[1] for start in (0, 1))
-    return sorted((readings[0], second, 3.0 * second - 2.0 * third))[1]
 
 
 def record_of(stamp_ns: Iterable[int], readings: Iterable[float]) -> PressureRecord:
@@ -398,9 +385,9 @@ def normal(deviation: float) -> float:
 class Features:
     """Features of a record that do not depend on the convention.
 
-    low, high, noise, ends: as in the record; constant: probability that the readings are of a
-    constant pressure; moves: whether the arm is known to move; complete: whether no readings will
-    follow.
+    low, high, noise: as in the record; ends: its first and last readings; constant: probability
+    that the readings are of a constant pressure; moves: whether the arm is known to move;
+    complete: whether no readings will follow.
     """
 
     low: float
@@ -418,7 +405,7 @@ def features_of(record: PressureRecord, moves: bool, complete: bool) -> Features
     return Features(
         low=record.low,
         high=record.high,
-        ends=record.ends,
+        ends=(record.first, record.last[-1]),
         noise=record.noise,
         constant=normal(drift),
         moves=moves,
