@@ -100,7 +100,7 @@ def weigh(
     weighed = [(updated, leading.log_weight)]
     by = update_with_likeliest_walk if is_due(state) else update_with_walk
     weighed += [(by(model, updated.frame, one.belief), one.log_weight) for one in other_hypotheses]
-    if not updated.before.frames and is_due(state):
+    if not updated.before.frames and updated.update.belief is not None:
         for cause in CAUSES:
             weighed += with_cause(model, cause, weighed[0]) if cause.hidden_at_rest else []
     best = best_of(weighed)

@@ -1061,6 +1061,21 @@ def test_a_mirrored_image_is_told_and_the_shape_is_right(first, since):
     assert found.tip_covered() > 0.9
 
 
+@pytest.mark.parametrize('strange', [0, 1, 2, 4])
+def test_the_first_frame_that_is_used_has_a_rival_in_a_mirror(strange):
+    """Frames of something else may come first, which are searched less and less often."""
+    random = np.random.default_rng(3)
+
+    def change(frame, seen):
+        off = 0.03 * random.standard_normal(seen.y.size) * (frame < strange)
+        return replace(seen, y=off - seen.y)
+
+    known = with_placement(recorded().truth.placement.T.ravel())
+    found = fuse(known, change=change, frames=range(strange + 1))
+    assert sum(found.state.counts.unused.values()) == strange
+    assert any('mirrored' in one.belief.causes for one in known.settle(found.state).bank)
+
+
 @pytest.mark.parametrize('frames', [range(60, 61), range(60, 120)])
 def test_an_image_that_is_mirrored_for_a_while_is_believed_for_as_long(frames):
     found = fuse(
