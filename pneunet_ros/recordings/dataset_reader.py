@@ -234,10 +234,11 @@ def _match_load(
     if not by_string and not is_constant(wrench.values):
         return wrench.values[at], False, keep
     why = 'was computed from the pull of a string' if by_string else 'never changes'
-    size = as_weight(float(np.hypot(*wrench.values[:, :2].T).max(initial=0.0)))
+    force = float(np.hypot(*wrench.values[:, :2].T).max(initial=0.0))
+    size = f' of {as_weight(force)}' if force > 0.0 else ''  # or a moment alone
     sentences.append(
         Note(
-            f'{wrench.topic} {why}: a known load of {size}, not measured by a sensor',
+            f'{wrench.topic} {why}: a known load{size}, not measured by a sensor',
             reason='known_load',
         )
     )

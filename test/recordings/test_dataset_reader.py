@@ -87,6 +87,11 @@ def test_a_wrench_that_never_changes_is_a_known_load_and_no_reading(tmp_path, sa
     assert run.loaded
     assert run.load_known
     assert 'known_load' in reasons(sentences)
+    assert any('0.05 N' in sentence for sentence in sentences)
+    moment_alone = with_forces([(0.0, 0.0)] * weights)
+    run, sentences = read_run(record(tmp_path / 'm.mcap', moment_alone), 3)
+    assert run.load_known
+    assert not any('0 N' in sentence for sentence in sentences)
     sensor = [(0.0, -0.05)] * (weights - 1) + [(0.0, -0.0500001)]
     run, sentences = read_run(record(tmp_path / 's.mcap', with_forces(sensor)), 3)
     assert run.loaded
