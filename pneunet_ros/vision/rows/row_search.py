@@ -92,15 +92,23 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     usual = initial_area(table[:, AREA], shown, vision.gating)
     sized = has_whole_edge(table, vision.row_look)
     found = with_partial(view, gate_row(view, table, usual), usual, sized)
-    if found.seen < least or not is_at_clamp(view, found.points) or is_shifted(view, found):
+    if found.seen >= least and is_at_clamp(view, found.points) and is_shifted(view, found):
+        return Failure(
+            reason='no_row',
+            seen=found.seen,
+            sentence=f'{found.seen} of {targets} targets form a row, but it may have moved by one '
+            'spacing: it goes on beyond an end, or ends at the border of the image without a '
+            'target that was seen at its other end. Has the camera moved, or has the row more '
+            'dots than target_arclength? Otherwise uncover that target, or reset',
+        )
+    if found.seen < least or not is_at_clamp(view, found.points):
         others = f', {taken.sum()} of which belong to other arms' if taken.any() else ''
         return Failure(
             reason='no_row',
             seen=found.seen,
             sentence=f'{found.seen} of {targets} targets form a row from the clamp, among '
-            f'{len(blobs)} areas{others}; {least} are needed, and no dot like them beyond an end: '
-            'is the arm covered, has the camera moved, or has the row more dots than '
-            'target_arclength?',
+            f'{len(blobs)} areas{others}; {least} are needed: is the arm covered, or has the '
+            'camera moved?',
         )
     return found
 
