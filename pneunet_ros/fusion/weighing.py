@@ -102,7 +102,8 @@ def weigh(
     weighed += [(by(model, updated.frame, one.belief), one.log_weight) for one in other_hypotheses]
     if not updated.before.frames and updated.update.belief is not None:
         for cause in CAUSES:
-            weighed += with_cause(model, cause, weighed[0]) if cause.hidden_at_rest else []
+            if cause.hidden_at_rest and cause.is_possible(model, updated):
+                weighed += with_cause(model, cause, weighed[0])
     best = best_of(weighed)
     # A frame that does not fit must not wait for its cause, unless none has fitted ever.
     if is_due(state) or (best[0].update.fit is not None and best[0].before.frames):

@@ -282,3 +282,16 @@ def test_a_straight_arm_tells_nothing_of_a_force_along_it():
     assert np.median(told[straight]) == 0.0
     assert told[~straight].max() > 0.9
     assert max(missed) < 1e-3
+
+
+def test_a_swing_by_a_model_of_unknown_error_has_no_rival_in_a_mirror():
+    """Far from its predicted shape, such an arm may be on either side."""
+    recording, by = recorded(False)[0], fusion()
+    assert by.arm.covariance is None
+    seen = sightings(recording, 0)
+    straight = dataclasses.replace(seen, x=by.arm.target_arclength, y=np.zeros(seen.x.size))
+    state, _ = by.step(FusionState(), PressureReading(stamp_ns=seen.stamp_ns, pressure=0.0))
+    state, _ = by.step(state, straight)
+    assert state.counts.frames == 1
+    bank = by.weigh_pending(state).bank
+    assert not any('mirrored' in one.belief.causes for one in bank)
