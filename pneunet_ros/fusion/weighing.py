@@ -127,9 +127,20 @@ def weigh(
         settings.most_hypotheses,
         lambda one, other: is_same(model, one, other),
     )
-    bank = with_pressure_first(bank)
+    bank = with_pressure_first(with_likely_side_first(bank))
     led = next(which for which, belief in enumerate(after) if belief is bank[0].belief)
     return bank, weighed[led][0]
+
+
+def with_likely_side_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
+    """Return the hypotheses, with one that is not mirrored first if it is about as likely.
+
+    The evidence of an arm at rest is noise there, and the leading one publishes the first bend.
+    """
+    hidden = {cause.name for cause in CAUSES if cause.hidden_at_rest}
+    if not any(one.is_about_as_likely and not one.belief.causes & hidden for one in bank):
+        return bank
+    return tuple(sorted(bank, key=lambda one: bool(one.belief.causes & hidden)))
 
 
 def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:

@@ -30,6 +30,7 @@ from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.weighing import with_likely_side_first
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
 from pneunet_ros.lab.lab_recording import LabRecording
@@ -1085,3 +1086,15 @@ def test_an_image_that_is_mirrored_for_a_while_is_believed_for_as_long(frames):
     assert not found.state.certain_causes
     assert found.tip_covered() > 0.9
     assert np.hypot(*found.tip_error[-20:].T).max() < 1e-3
+
+
+@pytest.mark.parametrize(('behind', 'leads'), [(-3.0, set()), (-5.0, {'mirrored'})])
+def test_the_side_of_an_arm_at_rest_is_not_left_to_noise(behind, leads):
+    """An image that is not mirrored leads for as long as it is about as likely."""
+    filter_ = fusion()
+    plain = first_belief(filter_.model.unknowns, 0)
+    bank = (
+        Hypothesis(belief=replace(plain, causes=frozenset({'mirrored'}))),
+        Hypothesis(belief=plain, log_weight=behind),
+    )
+    assert with_likely_side_first(bank)[0].belief.causes == leads
