@@ -96,10 +96,10 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
         return Failure(
             reason='no_row',
             seen=found.seen,
-            sentence=f'{found.seen} of {targets} targets form a row, but it may have moved by one '
-            'spacing: it goes on beyond an end, or ends at the border of the image without a '
-            'target that was seen at its other end. Has the camera moved, or has the row more '
-            'dots than target_arclength? Otherwise uncover that target, or reset',
+            sentence=f'{found.seen} of {targets} targets form a row that may be off by one '
+            'spacing: the target at one end is missing, and beyond the other end there is another '
+            'dot, or the border of the image. Uncover that target, or reset the tracker; has the '
+            'camera moved, or has the row more dots than target_arclength?',
         )
     if found.seen < least or not is_at_clamp(view, found.points):
         others = f', {taken.sum()} of which belong to other arms' if taken.any() else ''
