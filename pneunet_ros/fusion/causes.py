@@ -476,3 +476,4 @@ CAUSES: tuple[Cause, ...] = (
     MirroredCause(),
     MotionCause(),
 )
+HIDDEN_AT_REST = frozenset(cause.name for cause in CAUSES if cause.hidden_at_rest)

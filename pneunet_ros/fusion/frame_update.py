@@ -157,7 +157,8 @@ def search(
     if again is None or again.cost >= found.cost:
         return found
     trial = problem.try_at(again.trial.xi, again.trial.bent.solution)
-    return None if trial is None else problem.linearize(trial) or found
+    linearized = None if trial is None else problem.linearize(trial)
+    return found if linearized is None else linearized
 
 
 def evidence_cost(fit: Fit, seen: int) -> float:

@@ -18,6 +18,7 @@ from pneunet_ros.fusion.causes import (
     Cause,
     CAUSES,
     CONTACTS,
+    HIDDEN_AT_REST,
     RESET_RARITY,
     update_from,
 )
@@ -127,20 +128,20 @@ def weigh(
         settings.most_hypotheses,
         lambda one, other: is_same(model, one, other),
     )
-    bank = with_pressure_first(with_likely_side_first(bank))
+    # At rest the evidence of hidden causes is noise, and the first of the bank publishes the bend.
+    bank = with_pressure_first(led_without(bank, HIDDEN_AT_REST))
     led = next(which for which, belief in enumerate(after) if belief is bank[0].belief)
     return bank, weighed[led][0]
 
 
-def with_likely_side_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
-    """Return the hypotheses, with one that is not mirrored first if it is about as likely.
-
-    The evidence of an arm at rest is noise there, and the leading one publishes the first bend.
-    """
-    hidden = {cause.name for cause in CAUSES if cause.hidden_at_rest}
-    if not any(one.is_about_as_likely and not one.belief.causes & hidden for one in bank):
+def led_without(
+    bank: tuple[Hypothesis[Belief], ...], causes: frozenset[str]
+) -> tuple[Hypothesis[Belief], ...]:
+    """Return the hypotheses, with one without some causes first if it is about as likely."""
+    others = [one for one in bank if not one.belief.causes & causes]
+    if bank[0] in others or not any(one.is_about_as_likely for one in others):
         return bank
-    return tuple(sorted(bank, key=lambda one: bool(one.belief.causes & hidden)))
+    return tuple(sorted(bank, key=lambda one: bool(one.belief.causes & causes)))
 
 
 def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesis[Belief], ...]:
@@ -149,10 +150,9 @@ def with_pressure_first(bank: tuple[Hypothesis[Belief], ...]) -> tuple[Hypothesi
     If the leading hypothesis drops the pressure, so do all others. Therefore this waits until
     hypotheses that use the pressure are clearly less likely.
     """
+    bank = led_without(bank, frozenset({PRESSURE}))
     if PRESSURE not in bank[0].belief.causes:
         return bank
-    if any(one.is_about_as_likely and PRESSURE not in one.belief.causes for one in bank):
-        return tuple(sorted(bank, key=lambda one: PRESSURE in one.belief.causes))
     return tuple(one for one in bank if PRESSURE in one.belief.causes)
 
 
@@ -311,9 +311,8 @@ def other_side(weighed: list[Alternative], base: Alternative) -> list[Alternativ
 
     Until the arm bends, a further cause such as other targets fits with either of them.
     """
-    hidden = {cause.name for cause in CAUSES if cause.hidden_at_rest}
-    own = base[0].after.causes & hidden
-    others = [one for one in weighed if one[0].after.causes & hidden != own]
+    own = base[0].after.causes & HIDDEN_AT_REST
+    others = [one for one in weighed if one[0].after.causes & HIDDEN_AT_REST != own]
     return [best_of(others)] if others else []
 
 
