@@ -271,7 +271,9 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _last_text(lines: Sequence[Sequence[str]]) -> int | None:
-    return max((place for place, cells in enumerate(lines) if any(cells)), default=None)
+    """Return the last line of text alone; one with numbers as well is a row with a remark."""
+    texts = [place for place, cells in enumerate(lines) if not any(map(_is_number, cells))]
+    return max((place for place in texts if any(lines[place])), default=None)
 
 
 def check_header(

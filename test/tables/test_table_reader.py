@@ -223,6 +223,7 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ("time_s,pressure_pa\n1,1'220\n", 'is not a number .no thousands separators'),
         ('Logger XY\ntime_s;pressure_pa\n1;2\n', 'begin in line 2, .* put # before each of these'),
         ('# a\nLogger\n\nSerial\nTime,Pressure\n1,2\n', 'the table seems to begin in line 5'),
+        ('Zeit [s];Druck [psi];Bemerkung\n0;0;an\n1;2,5;\n2;5;\n', 'no column has the name of a'),
         ('Logger XY,No 7\nTime,Pressure\n1,2\n', 'the table seems to begin in line 2'),
         ('Rig;B;3\nDate;;\nTime [s];p;fx (g)\n1;2;3\n', 'the table seems to begin in line 3'),
         ('# all\n# comments', 'is empty: the first line must name the columns'),
