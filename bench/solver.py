@@ -6,9 +6,10 @@ Every method solves the rows of Table 1 from the same start: the solution at 2 %
 F2 and 500 Pa less. Times are medians of CPU over rows and repeats; ratios are medians of ratios
 taken within one repeat, so that a noisy machine disturbs both sides. Our kernels and our calls
 from Python are timed in a loop, as in a sweep; "once" is the first call after other work, which
-finds nothing of its own in the caches of the processor. Errors are against a reference that shares
-no code with the solver: shooting with an adaptive eighth-order integrator, split at l1 and at
-every knot of the curvature.
+finds nothing of its own in the caches of the processor. solve_bvp and our kernels find the rod
+ready-made, `solve()` and `step` make it. Errors are against a reference that shares no code with
+the solver: shooting with an adaptive eighth-order integrator, split at l1 and at every knot of
+the curvature.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ from pneunet_ros.solver.columns import (
 from pneunet_ros.solver.interpolation import resolution
 from pneunet_ros.solver.sensitivity import sensitivities
 from scipy.integrate import solve_bvp, solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.optimize import root_scalar
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
@@ -99,36 +101,30 @@ def jacobian_loop(panels, ends, nodes, panel_changes, end_changes, node_changes,
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rod:
-    """One rod of the reference: its record, and the intrinsic curvature as a function."""
+    """One rod of the reference under a force; what does not depend on the force is ready-made.
 
-    arm: Arm
-    pressure: float
+    kappa0: the intrinsic curvature over arclength in m; pieces: start, end and record of each
+    section of the moment law; angle, compliance: of the clamp; offset (m): of the load.
+    """
+
+    length: float
+    knots: np.ndarray
     force: np.ndarray
+    kappa0: Callable[[np.ndarray], np.ndarray]
+    pieces: list[tuple[float, float, np.ndarray]]
+    angle: float
+    compliance: float
+    offset: float
 
-    def pieces(self) -> list[tuple[float, float, np.ndarray]]:
-        """Start, end and record of each section of the moment law."""
-        sections = self.arm.rods(np.array([self.pressure])).sections[0]
-        stops = [*sections[1:, START], self.arm.length]
-        return [(s[START], stop, s) for s, stop in zip(sections, stops, strict=True)]
-
-    def kappa0(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Intrinsic curvature over arclength in m."""
-        from scipy.interpolate import CubicSpline
-
-        field, length = self.arm.intrinsic_curvature, self.arm.length
-        return CubicSpline(
-            field.arclength * length, field.at(self.pressure, field.arclength).copy()
-        )
-
-    def slopes(self, section: np.ndarray, kappa0, s, theta, moment):
+    def slopes(self, section: np.ndarray, s, theta, moment):
         """theta', M', x', y' (Eq 4 with stretch and line load)."""
         _, rigidity, offset, _, axial, strain, load_x, load_y = section
-        n1 = self.force[0] + load_x * (self.arm.length - s)
-        n2 = self.force[1] + load_y * (self.arm.length - s)
+        n1 = self.force[0] + load_x * (self.length - s)
+        n2 = self.force[1] + load_y * (self.length - s)
         cosine, sine = np.cos(theta), np.sin(theta)
         stretched = 1.0 + strain + axial * (n1 * cosine + n2 * sine)
         return (
-            kappa0(s) + (moment - offset) / rigidity,
+            self.kappa0(s) + (moment - offset) / rigidity,
             -stretched * (n2 * cosine - n1 * sine),
             stretched * cosine,
             stretched * sine,
@@ -136,28 +132,21 @@ class Rod:
 
     def end_moment(self, theta: float) -> float:
         """Moment that the offset load puts on the free end."""
-        offset = self.arm.rods(np.array([self.pressure])).clamp[0, LOAD_OFFSET]
-        return -offset * (self.force[0] * np.cos(theta) + self.force[1] * np.sin(theta))
-
-    def clamp(self) -> tuple[float, float]:
-        """Angle and compliance."""
-        clamp = self.arm.rods(np.array([self.pressure])).clamp[0]
-        return float(clamp[CLAMP_ANGLE]), float(clamp[CLAMP_COMPLIANCE])
+        return -self.offset * (self.force[0] * np.cos(theta) + self.force[1] * np.sin(theta))
 
     def reference(self, guess: float) -> np.ndarray:
         """Tip (x, y, theta) by shooting from a guess of the moment at the clamp."""
-        kappa0, (angle, compliance) = self.kappa0(), self.clamp()
-        knots = self.arm.knots
+        knots = self.knots
 
         def end_state(moment: float) -> np.ndarray:
-            state = np.array([angle + compliance * moment, moment, 0.0, 0.0])
-            for start, stop, section in self.pieces():
+            state = np.array([self.angle + self.compliance * moment, moment, 0.0, 0.0])
+            for start, stop, section in self.pieces:
                 inside = knots[(knots > start) & (knots < stop)]
                 marks = [start, *inside, stop]
                 for a, b in itertools.pairwise(marks):
                     state = solve_ivp(
                         lambda s, y, section=section: np.array(
-                            self.slopes(section, kappa0, s, y[0], y[1])
+                            self.slopes(section, s, y[0], y[1])
                         ),
                         (a, b), state, method='DOP853', rtol=1e-13, atol=1e-15,
                     ).y[:, -1]  # fmt: skip
@@ -172,15 +161,14 @@ class Rod:
 
     def bvp(self, tolerance: float, mesh: np.ndarray, guess: np.ndarray):
         """Solve the textbook way: solve_bvp, a set of unknowns per section, mapped to [0, 1]."""
-        kappa0, pieces = self.kappa0(), self.pieces()
-        (angle, compliance), length = self.clamp(), self.arm.length
+        pieces, length = self.pieces, self.length
         unit = 1e-3  # N m; lengths in l
 
         def equations(u, y):
             out = np.empty_like(y)
             for k, (start, stop, section) in enumerate(pieces):
                 row, h = 4 * k, stop - start
-                slopes = self.slopes(section, kappa0, start + u * h, y[row], unit * y[row + 1])
+                slopes = self.slopes(section, start + u * h, y[row], unit * y[row + 1])
                 out[row] = h * slopes[0]
                 out[row + 1] = h / unit * slopes[1]
                 out[row + 2] = h / length * slopes[2]
@@ -191,11 +179,30 @@ class Rod:
             joints = [
                 b[4 * k : 4 * k + 4] - a[4 * k + 4 : 4 * k + 8] for k in range(len(pieces) - 1)
             ]
-            clamp = [a[0] - angle - compliance * unit * a[1], a[2], a[3]]
+            clamp = [a[0] - self.angle - self.compliance * unit * a[1], a[2], a[3]]
             free = [b[-3] - self.end_moment(b[-4]) / unit]
             return np.concatenate([clamp, *joints, free])
 
         return solve_bvp(equations, conditions, mesh, guess, tol=tolerance, max_nodes=10_000)
+
+
+def rod_of(arm: Arm, pressure: float, force: np.ndarray) -> Rod:
+    """Return the rod of an arm at a pressure (Pa) and force (2,) N."""
+    rods, field = arm.rods(np.array([pressure])), arm.intrinsic_curvature
+    sections, clamp = rods.sections[0], rods.clamp[0]
+    stops = [*sections[1:, START], arm.length]
+    return Rod(
+        length=arm.length,
+        knots=arm.knots,
+        force=force,
+        kappa0=CubicSpline(
+            field.arclength * arm.length, field.at(pressure, field.arclength).copy()
+        ),
+        pieces=[(s[START], stop, s) for s, stop in zip(sections, stops, strict=True)],
+        angle=float(clamp[CLAMP_ANGLE]),
+        compliance=float(clamp[CLAMP_COMPLIANCE]),
+        offset=float(clamp[LOAD_OFFSET]),
+    )
 
 
 def best_of(call: Callable[[], object], calls: int = 1) -> float:
@@ -237,7 +244,7 @@ class Case:
         )
         self.bvp_start = {}
         for tolerance in (1e-6, 1e-3):
-            rod = Rod(arm=arm, pressure=self.pressure - 500.0, force=before)
+            rod = rod_of(arm, self.pressure - 500.0, before)
             mesh = np.linspace(0.0, 1.0, 11)
             guess = np.zeros((4 * self.rods.sections.shape[1], mesh.size))
             for share in (0.25, 0.5, 0.75, 1.0):  # far from the solution solve_bvp gets lost
@@ -245,7 +252,7 @@ class Case:
                 result = part.bvp(tolerance, mesh, guess)
                 mesh, guess = result.x, result.y
             self.bvp_start[tolerance] = (mesh, guess)
-        self.rod = Rod(arm=arm, pressure=self.pressure, force=self.force)
+        self.rod = rod_of(arm, self.pressure, self.force)
         self.reference = self.rod.reference(float(self.shape.moment[0]))
         estimator = Estimator(arm=arm)
         self.estimator = estimator
