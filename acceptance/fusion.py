@@ -9,9 +9,10 @@ frames a second, readings at the instants of the frames and between two. The dot
 calibration, but for `other targets`, where they are painted anew for each recording.
 The truth is that of the lab, which shares no solver with the model. `at frames` is the estimate at
 the stamp of a frame, `between` that half a period later, when the arm may have moved on. NEES: e^T
-P^-1 e of two coordinates, on average 2 where the covariance is right. With `--true-arm` the fusion
-knows the arm and its dots exactly: what no calibration can better. Exit code 1 where a goal is
-missed.
+P^-1 e of two coordinates, on average 2 where the covariance is right. A force is determined where
+one of its components is, and judged by those that are; shares of it ask for both. With
+`--true-arm` the fusion knows the arm and its dots exactly: what no calibration can better. Exit
+code 1 where a goal is missed.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ from pneunet_ros.vision.smoother import smoother_for
 from rich.console import Console
 from rich.table import Table
 from rigs import (
+    force_error,
     missed_goals,
     model_of,
     read_sensors,
@@ -76,8 +78,8 @@ PRESSED = 10e3  # Pa
 EXACT = 1e-9  # one sigma of what is known
 Intervals = tuple[tuple[float, float], ...]
 COLUMNS = (
-    'tip', 'tip_nees', 'share', 'sigma', 'force_nees', 'pressed', 'ambiguous', 'age', 'mode',
-    'astray', 'withheld', 'predicted_alone', 'camera_alone',
+    'tip', 'tip_nees', 'share', 'sigma', 'force_nees', 'components', 'pressed', 'ambiguous', 'age',
+    'mode', 'astray', 'withheld', 'predicted_alone', 'camera_alone',
 )  # fmt: skip
 
 
@@ -326,19 +328,19 @@ def row_of(fused: FusedEstimate, tip: Array, force: Array, pressure: float) -> l
     """Return the first of COLUMNS: an estimate beside the true tip (2,) m and force (2,) N."""
     missed = tip - np.array(fused.estimate.shape.tip[:2])
     covariance = fused.estimate.tip_covariance[:2, :2]
-    off, size = force - fused.force, float(np.hypot(*force))
-    force_nees = share = sigma = math.nan
-    if np.isfinite(off).all():
-        force_nees = float(off @ np.linalg.solve(fused.force_covariance, off))
-        if size > LIGHT:
-            share = float(np.hypot(*off)) / size
-            sigma = math.sqrt(float(np.trace(fused.force_covariance))) / size
+    off, force_nees, components = force_error(fused, force)
+    share = sigma = math.nan
+    size = float(np.hypot(*force))
+    if components == 2 and size > LIGHT:
+        share = off / size
+        sigma = math.sqrt(float(np.trace(fused.force_covariance))) / size
     return [
         float(np.hypot(*missed)),
         float(missed @ np.linalg.solve(covariance, missed)),
         share,
         sigma,
         force_nees,
+        float(components),
         float(pressure > PRESSED and size > LIGHT),
         float(fused.ambiguous),
         math.nan if fused.target_age is None else fused.target_age,
@@ -394,7 +396,7 @@ def try_arm(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
 
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each way came to, and which goals are missed."""
-    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in rigs[0]}
+    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in WAYS}
     return {'ways': ways, 'missed': missed_goals(ways, GOALS)}
 
 
@@ -422,6 +424,7 @@ def numbers_of(rows: Array) -> dict:
         'frames': int(np.isfinite(column['tip']).sum()),
         'ambiguous': float(np.nanmean(column['ambiguous'])),
         'determined': float(np.isfinite(force_nees).mean()),
+        'both': float((column['components'] == 2.0).mean()),
         'sure': float(sure.mean()),
         'sure_rms': rms(column['share'][sure]),
         'median': float(np.median(column['share'][pressed])) if pressed.any() else math.nan,
@@ -485,6 +488,7 @@ def show(summary: dict, title: str) -> None:
         ('force: rms where sigma < 5 %', 'sure_rms', '.2%'),
         ('median, p > 10 kPa', 'median', '.2%'),
         ('determined', 'determined', '.3f'),
+        ('both components', 'both', '.3f'),
         ('covered', 'force_covered', '.3f'),
         ('worst recording', 'worst_force', '.3f'),
         ('recordings without any', 'without_force', '.0f'),

@@ -41,6 +41,8 @@ from pneunet_ros.lab.simulation import simulate
 from rich.console import Console
 from rich.table import Table
 from rigs import (
+    ANSWERED,
+    force_error,
     missed_goals,
     model_of,
     read_sensors,
@@ -96,7 +98,6 @@ WAYS = {
 SENSORS = ('no wrench', 'wrench')
 # Frames so late, and no wrench: the force at a reading is then withheld.
 WITHHELD = {'frames 0.4 s late', 'swing, frames 0.2 s late', 'swing, frames 0.4 s late'}
-ANSWERED = 0.95  # of the readings that have a frame within `target_timeout`, at least
 GOALS = {
     (f'{name}, {sensors}', what): (low, 1.0)
     for name, way in WAYS.items()
@@ -104,6 +105,7 @@ GOALS = {
     for what, low in (
         ('tip_covered', 0.93),
         ('force_covered', 0.93),
+        # Of the readings that have a frame within `target_timeout`.
         ('estimates', ANSWERED * min(FUSION.target_timeout * RATE / way.frames, 1.0)),
     )
 }
@@ -175,8 +177,9 @@ def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int, *, wrench
         row = [math.nan] * len(COLUMNS)
         if isinstance(fused, FusedEstimate):
             tip, force = np.array([truth.x[instant, -1], truth.y[instant, -1]]), truth.force
-            missed, tip_nees, _, _, force_nees, *_ = row_of(fused, tip, force[instant], 0.0)
-            row = [missed, tip_nees, float(np.hypot(*(force[instant] - fused.force))), force_nees]
+            missed, tip_nees, *_ = row_of(fused, tip, force[instant], 0.0)
+            off, force_nees, _ = force_error(fused, force[instant])
+            row = [missed, tip_nees, off, force_nees]
         rows.append(row)
     return np.array(rows)
 
@@ -201,11 +204,12 @@ def try_rates(seed: int, recordings: int) -> dict[str, Array]:
 
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each way came to, and which goals are missed."""
-    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in rigs[0]}
+    names = [f'{name}, {sensors}' for name in WAYS for sensors in SENSORS]
+    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in names}
     withheld = {
         (f'{way}, no wrench', 'force_covered')
         for way in WITHHELD
-        if not ways.get(f'{way}, no wrench', {}).get('determined')
+        if not ways[f'{way}, no wrench']['determined']
     }
     goals = {what: limits for what, limits in GOALS.items() if what not in withheld}
     return {'ways': ways, 'missed': missed_goals(ways, goals)}

@@ -59,7 +59,8 @@ def try_dots(seed: int, recordings: int) -> dict[str, Array]:
 
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each choice of dots came to, and which goals are missed."""
-    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in rigs[0]}
+    names = [f'{dots}, {sensors}' for dots in DOTS for sensors in SENSORS]
+    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in names}
     return {'ways': ways, 'missed': missed_goals(ways, GOALS)}
 
 

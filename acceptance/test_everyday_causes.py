@@ -94,8 +94,21 @@ def test_numbers_can_be_bad_and_what_is_said_is_counted():
     rows[:, ::2, 3] = np.nan
     found = bench.numbers_of(rows)
     assert found['tip_covered'] < 0.6 and found['withheld'] == 0.5
+    assert found['estimates'] == 1.0
     said = bench.shares_of([('a: b', 'c'), ('a: d',), (), ()])
     assert said[:2].tolist() == ['0.500000 a', '0.250000 c']
+
+
+def test_silence_misses_its_goal_and_a_force_that_is_withheld_none():
+    rows = np.zeros((1, 100, len(bench.NUMBERS)))
+    rows[..., 3] = np.nan
+    rig = dict.fromkeys(bench.CAUSES, rows)
+    rig |= {f'{one}: said': np.array([['']]) for one in bench.CAUSES}
+    assert bench.summary_of([rig])['missed'] == []
+    silent = rows.copy()
+    silent[:, :6] = np.nan
+    (missed,) = bench.summary_of([rig | {'mirrored image': silent}])['missed']
+    assert missed.startswith('mirrored image: estimates = 0.940')
 
 
 def test_only_causes_and_contacts_accuse_an_arm_with_which_nothing_is_wrong(capsys):
@@ -108,12 +121,13 @@ def test_only_causes_and_contacts_accuse_an_arm_with_which_nothing_is_wrong(caps
     for name in bench.NOTHING:
         rig = dict.fromkeys(bench.CAUSES, rows)
         rig |= {f'{one}: said': np.array([[f'0.060000 {true}']]) for one in bench.CAUSES}
-        assert bench.summary_of([rig])['missed'] == []
         rig[f'{name}: said'] = np.array([[f'0.006000 {one}' for one in blames]])
         summary = bench.summary_of([rig])
-        (missed,) = summary['missed']
+        missed, *worst = summary['missed']
         assert missed.startswith(f'{name}: 0.012')
         assert summary['causes'][name]['tip_covered_worst'] == 0.6
+        assert all('tip_covered_worst = 0.600' in one for one in worst)
+        assert len(worst) == len(bench.CAUSES)
     bench.show(summary, 'title')
     assert '| 0.80 (0.60) |' in capsys.readouterr().out
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import fusion as bench
 import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.fusion import Fusion
+import pytest
+from rigs import force_error
 from support.lab_run import true_model
 
 RECORDINGS, INSTANTS = 6, 400
@@ -26,6 +30,7 @@ def rows(tip=5e-5, share=0.01, sure=1.0, seed=3):
             'share': share * np.abs(error[:, :, 1, 0]),
             'sigma': share / sure,
             'force_nees': nees[..., 1],
+            'components': 2.0,
             'pressed': 1.0,
             'mode': 1.0,
             'predicted_alone': 8e-4,
@@ -47,6 +52,29 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
     assert any('no wrench: tip_rms' in sentence for sentence in coarse)
     assert any('no wrench: sure_rms' in sentence for sentence in coarse)
     assert any('no wrench: worst_of_better' in sentence for sentence in coarse)
+
+
+def test_a_force_of_one_component_is_judged_by_that_one():
+    random, covariance = np.random.default_rng(4), np.array([[4e-6, 1e-6], [1e-6, 9e-6]])
+    errors = random.multivariate_normal(np.zeros(2), covariance, 4000)
+    for shown in ([True, True], [False, True], [True, False]):
+        hidden = ~np.array(shown)
+        told = covariance.copy()
+        told[hidden], told[:, hidden] = np.nan, np.nan
+        found = []
+        for error in errors:
+            fused = SimpleNamespace(force=np.where(hidden, np.nan, -error), force_covariance=told)
+            found.append(force_error(fused, np.zeros(2)))
+        off, nees, components = np.array(found).T
+        assert components == pytest.approx(sum(shown))
+        assert np.array_equal(off, np.hypot(*np.where(hidden, 0.0, errors).T))
+        assert np.mean(nees) == pytest.approx(2.0, abs=0.1)
+        assert np.mean(nees <= bench.IN_95) == pytest.approx(0.95, abs=0.01)
+    nothing = SimpleNamespace(force=np.full(2, np.nan), force_covariance=np.full((2, 2), np.nan))
+    assert np.isnan(force_error(nothing, np.zeros(2))[1])
+    far = SimpleNamespace(force=np.array([np.nan, 1.0]), force_covariance=told)
+    told[1, 1] = 1e-6
+    assert np.isfinite(force_error(far, np.zeros(2))[1])
 
 
 def test_a_tip_counts_where_it_is_ambiguous():

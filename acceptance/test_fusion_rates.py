@@ -45,6 +45,14 @@ def test_what_is_heard_is_what_a_way_says(recording):
                    for _, event in events_of(recording, way, 77, wrench=False))  # fmt: skip
 
 
+def rig_of(**tried):
+    """Return a rig whose errors are of their sigmas, but in some of the ways."""
+    nees = np.sum(np.random.default_rng(5).standard_normal((4, 500, 2, 2)) ** 2, axis=-1)
+    right = np.stack([1e-4 * nees[..., 0], nees[..., 0], nees[..., 1], nees[..., 1]], axis=-1)
+    names = [f'{name}, {sensors}' for name in bench.WAYS for sensors in bench.SENSORS]
+    return dict.fromkeys(names, right) | tried
+
+
 def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
     way, random = 'frames 0.2 s late, no wrench', np.random.default_rng(3)
     error = random.standard_normal((4, 500, 2, 2))
@@ -53,7 +61,7 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
         rows = np.stack([1e-4 * nees[..., 0], nees[..., 0], nees[..., 1], nees[..., 1]], axis=-1)
         rows[:, :20] = np.nan  # without an estimate
         rows[:, 20:140, 2:] = np.nan  # without a force
-        found = bench.summary_of([{way: rows}])
+        found = bench.summary_of([rig_of(**{way: rows})])
         assert found['ways'][way]['estimates'] == pytest.approx(0.96)
         assert found['ways'][way]['determined'] == pytest.approx(0.75)
         assert len(found['missed']) == (0 if sure == 1.0 else 2)
@@ -62,5 +70,12 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
 def test_what_is_never_told_misses_the_goals():
     rows = np.full((4, 500, len(bench.COLUMNS)), np.nan)
     for way, count in (('swing, wrench', 3), ('swing, frames 0.4 s late, no wrench', 2)):
-        missed = bench.summary_of([{way: rows}])['missed']
+        missed = bench.summary_of([rig_of(**{way: rows})])['missed']
         assert len(missed) == count and 'estimates = 0' in missed[count - 1]
+
+
+def test_a_rig_that_was_kept_without_a_way_of_the_goals_reaches_none():
+    rig = rig_of()
+    del rig['swing, wrench']
+    with pytest.raises(KeyError):
+        bench.summary_of([rig])
