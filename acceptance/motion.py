@@ -239,7 +239,7 @@ def predict(
 ) -> Array:
     """Return NUMBERS of the estimator's prediction at every reading; of no force.
 
-    imu (readings, 3): what an accelerometer reads, None: of the cause.
+    imu (readings, 4): what an IMU reads, None: of the cause.
     """
     loaded = CAUSES[name].loaded  # otherwise there is no force sensor
     estimator = Estimator(arm=arm, settings=EstimatorSettings(wrench_required=loaded))
@@ -247,9 +247,9 @@ def predict(
     rows = np.full((truth.time.size, len(NUMBERS)), np.nan)
     for instant, events in enumerate(readings_of(recording, name, seed, wrench=loaded)):
         if imu is not None:
-            x, y, z = imu[instant].tolist()
-            stamp = int(recording.stamp_ns[instant])
-            reading = ImuReading(stamp_ns=stamp, x=x, y=y, z=z, frame_id=BASE_FRAME)
+            x, y, z, rate = imu[instant].tolist()
+            stamp, turning = int(recording.stamp_ns[instant]), (0.0, 0.0, rate)
+            reading = ImuReading(stamp_ns=stamp, x=x, y=y, z=z, frame_id=BASE_FRAME, rate=turning)
             events = [reading, *events]
         for event in events:
             if isinstance(event, TargetSightings):

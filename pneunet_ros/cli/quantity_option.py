@@ -26,6 +26,7 @@ KIND_OF_UNIT = {  # of SI
     's': 'time',
     'rad': 'angle',
     'm/s^2': 'acceleration',
+    'rad/s': 'turn_rate',
 }
 _EXAMPLES = {
     'pressure': '31kPa',
@@ -35,6 +36,7 @@ _EXAMPLES = {
     'time': '300ms',
     'angle': '5deg',
     'acceleration': '1g',
+    'turn_rate': '90deg_s',
 }
 _SHOWN = {
     **{name.lower(): name for name in PRESSURE_UNITS},

@@ -7,6 +7,7 @@ force sensor, sensing effects of the model).
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
@@ -52,10 +53,10 @@ class TipPoseReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuReading:
-    """A reading of an accelerometer at the base: specific force (m/s^2) in its `frame_id`.
+    """A reading of an IMU at the base: specific force (m/s^2) in its `frame_id`.
 
     At rest it is 9.81 m/s^2 upwards. known: whether the sensor measures acceleration, by its own
-    report.
+    report. rate: angular velocity (rad/s), NaN if it is not measured.
     """
 
     stamp_ns: int
@@ -64,6 +65,7 @@ class ImuReading:
     z: float
     frame_id: str
     known: bool = True
+    rate: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

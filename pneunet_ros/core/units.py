@@ -55,6 +55,7 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
     'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6, 'in': 25.4e-3},
     'angle': {'rad': 1.0, 'deg': math.pi / 180.0},
     'acceleration': {'m_s2': 1.0, 'mm_s2': 1e-3, 'g': STANDARD_GRAVITY},
+    'turn_rate': {'rad_s': 1.0, 'deg_s': math.pi / 180.0},
 }
 
 

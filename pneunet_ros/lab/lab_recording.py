@@ -61,8 +61,8 @@ class LabRecording:
     reading_stamp_ns, pressure (readings,): all pressure readings; wrench_stamp_ns, wrench_force
     (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none if the arm is never loaded
     (`loaded` is False); stamp_ns (frames,), x, y (frames, targets): frames, NaN where a target was
-    not seen. motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 3) m/s^2:
-    readings of an accelerometer at the clamp, in the base frame.
+    not seen. motion: additional truth of an arm with mass. imu_stamp_ns, imu (n, 4): specific
+    force (m/s^2) and angular velocity about z (rad/s) at the clamp, in the base frame.
     """
 
     scenario: Scenario
@@ -79,4 +79,4 @@ class LabRecording:
     memory: LabMemory
     motion: MotionTruth | None = None
     imu_stamp_ns: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
-    imu: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    imu: Array = field(default_factory=lambda: np.zeros((0, 4)))

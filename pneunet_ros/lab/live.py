@@ -139,8 +139,7 @@ class LiveState:
 class LiveReading:
     """Readings of the pressure sensor (Pa) and force sensor (N, N m); no load reads as 0.
 
-    imu (3,) m/s^2: reading of an accelerometer at the clamp, in the base frame; None: there is
-    none.
+    imu (4,): as in `LabRecording`; None: there is none.
     """
 
     pressure: float
@@ -301,15 +300,12 @@ class LiveLab:
             )
         imu = None
         if self.scenario.rates.imu > 0.0:
-            shaken = noise.imu_std * random.standard_normal(3)
-            imu = freeze(shaken - self.apparent_gravity(state.time)[0])
+            std = np.array([*3 * [noise.imu_std], noise.gyro_std])
+            motion = self.scenario.effective_motion or LabMotion()
+            time = np.mod(np.array([state.time]), self.period)
+            imu = freeze(motion.imu(time, self.period)[0] + std * random.standard_normal(4))
         pressure = pressure + noise.pressure_std * white[0]
         return LiveReading(pressure=float(pressure[0]), load=measured, imu=imu)
-
-    def apparent_gravity(self, time: float) -> Array:
-        """Return the apparent gravity in the frame of the base, (1, 3) m/s^2."""
-        motion = self.scenario.effective_motion or LabMotion()
-        return motion.apparent_gravity(np.mod(np.array([time]), self.period), self.period)
 
     @property
     def frame_delay(self) -> float:

@@ -125,3 +125,8 @@ class LabMotion:
         x, y = pulls[:, 0].copy(), pulls[:, 1].copy()
         pulls[:, 0], pulls[:, 1] = cosine * x + sine * y, cosine * y - sine * x
         return freeze(pulls)
+
+    def imu(self, times: Array, duration: float) -> Array:
+        """Return specific force (m/s^2) and turn rate (rad/s) of the base, (n, 4)."""
+        rate = self.turn(freeze(times / duration))[1] / duration
+        return freeze(np.column_stack([-self.apparent_gravity(times, duration), rate]))

@@ -59,6 +59,13 @@ class LabNoise:
         meaning=('white noise of each component of the accelerometer'),
         bounds=_SIZE,
     )
+    gyro_std: float = quantity(
+        0.002,
+        unit='rad/s',
+        meaning='white noise of the angular velocity of the base',
+        source='BMI088: 0.014 deg/s per square root of Hz, 60 Hz',
+        bounds=_SIZE,
+    )
     jitter_std: float = quantity(5e-4, unit='s', meaning='jitter of stamps', bounds=(0.0, 1.0))
     dropout: float = quantity(
         0.003, unit='-', meaning='share of targets that are not seen', bounds=(0.0, 0.9)

@@ -285,8 +285,9 @@ def measure(
         draw_stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
         for name, time in zip(('pressure', 'wrench', 'frames', 'imu'), times, strict=True)
     ]
-    pulls = (scenario.effective_motion or LabMotion()).apparent_gravity(times[3], duration)
-    shaken = noise.imu_std * random_of(scenario, 'imu').standard_normal(pulls.shape)
+    imu = (scenario.effective_motion or LabMotion()).imu(times[3], duration).copy()
+    imu[:, :3] += noise.imu_std * random_of(scenario, 'imu').standard_normal((len(imu), 3))
+    imu[:, 3] += noise.gyro_std * random_of(scenario, 'gyro').standard_normal(len(imu))
     pressure, _ = read_sensors(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
     white = random_of(scenario, 'pressure').standard_normal(pressure.size)
     _, force = read_sensors(scenario, events.pressure_at(times[1]), events.force_at(times[1]))
@@ -320,7 +321,7 @@ def measure(
         memory=memory,
         motion=motion,
         imu_stamp_ns=stamp[3],
-        imu=freeze(shaken - pulls),
+        imu=freeze(imu),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,15 @@ TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
 
 
 def decode_imu(message: Any) -> ImuReading:
-    """Return the specific force of an Imu, unchanged; MessageError if invalid.
+    """Return specific force and angular velocity of an Imu, unchanged; MessageError if invalid.
 
-    The first number of its covariance is -1 if the IMU does not measure acceleration.
+    The first number of a covariance is -1 if the IMU does not measure that. An angular velocity
+    that is not finite is none.
     """
     with usable(IMU_TYPE):
-        force = message.linear_acceleration
+        force, turn = message.linear_acceleration, message.angular_velocity
+        rate = float(turn.x), float(turn.y), float(turn.z)
+        measured = float(message.angular_velocity_covariance[0]) != -1.0
         return ImuReading(
             stamp_ns=nanoseconds(message.header.stamp),
             x=float(force.x),
@@ -28,23 +32,25 @@ def decode_imu(message: Any) -> ImuReading:
             z=float(force.z),
             frame_id=str(message.header.frame_id),
             known=float(message.linear_acceleration_covariance[0]) != -1.0,
+            rate=rate if measured and all(map(math.isfinite, rate)) else 3 * (math.nan,),
         )
 
 
 def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
-    """Build an Imu with a specific force (3,) m/s^2 and no other measurement."""
+    """Build an Imu of a specific force (m/s^2) and a rate about z (rad/s, NaN: none), (4,)."""
     vector, quaternion = types('geometry_msgs/msg/Vector3'), types('geometry_msgs/msg/Quaternion')
-    x, y, z = map(float, row)
-    unknown, zero = np.zeros(9), vector(x=0.0, y=0.0, z=0.0)
+    x, y, z, rate = map(float, row)
+    unknown, known = np.zeros(9), np.zeros(9)
     unknown[0] = -1.0
+    turns = math.isfinite(rate)
     return types(IMU_TYPE)(
         header=header(stamp_ns, frame_id, types),
         orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
-        angular_velocity=zero,
-        angular_velocity_covariance=unknown,
+        angular_velocity=vector(x=0.0, y=0.0, z=rate if turns else 0.0),
+        angular_velocity_covariance=known if turns else unknown,
         linear_acceleration=vector(x=x, y=y, z=z),
-        linear_acceleration_covariance=np.zeros(9),
+        linear_acceleration_covariance=known,
     )
 
 

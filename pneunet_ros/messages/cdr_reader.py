@@ -40,6 +40,8 @@ FIELDS: dict[str, tuple[int, Callable[[tuple[float, ...]], dict[str, Any]]]] = {
     IMU_TYPE: (
         37,
         lambda given: {
+            'angular_velocity': vector(*given[13:16]),
+            'angular_velocity_covariance': given[16:25],
             'linear_acceleration': vector(*given[25:28]),
             'linear_acceleration_covariance': given[28:],
         },

@@ -60,12 +60,16 @@ class UnusableTopic(MessageError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One number of a reading: name and kind of unit of its column, and how it is displayed."""
+    """One number of a reading: name and kind of unit of its column, and how it is displayed.
+
+    optional: whether it may be unknown (NaN).
+    """
 
     name: str
     kind: str
     shown_unit: str
     shown_per_si: float = 1.0
+    optional: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,11 +77,11 @@ class Sensor(Input[ReadingType]):
     """A topic of readings, and its reading as a row of numbers: SI, gauge, base frame.
 
     label: name of a reading in sentences. components: the numbers in a row; with `per_target` an
-    array for each, with one entry per target, NaN if it was not seen; with `partial` some
-    components may be unknown (NaN). `message(stamp_ns, row, frame_id, types)` builds the message
-    of a row. `row(message, settings, targets)` returns stamp (ns) and row, or raises MessageError;
-    without it, a row consists of those fields of the reading that are named like the components.
-    needed: whether the estimator reads the topic with these settings.
+    array for each, with one entry per target, NaN if it was not seen. `message(stamp_ns, row,
+    frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
+    (ns) and row, or raises MessageError; without it, a row consists of those fields of the reading
+    that are named like the components. needed: whether the estimator reads the topic with these
+    settings.
     """
 
     label: str
@@ -86,7 +90,6 @@ class Sensor(Input[ReadingType]):
     row: Callable[[Any, EstimatorSettings, int | None], tuple[int, Array]] | None = None
     needed: Callable[[EstimatorSettings], bool] = lambda settings: False
     per_target: bool = False
-    partial: bool = False
 
     def read(
         self, message: Any, settings: EstimatorSettings, targets: int | None = None
@@ -106,9 +109,10 @@ class Sensor(Input[ReadingType]):
 
     def present(self, values: Array) -> npt.NDArray[np.bool_]:
         """Return which of these rows (rows, *row_shape) contain readings."""
-        if self.partial:
+        needed = [not component.optional for component in self.components]
+        if not any(needed):
             return np.asarray(are_numbers(values).any(axis=1))
-        complete = np.asarray(are_numbers(values).all(axis=1))
+        complete = np.asarray(are_numbers(values[:, needed]).all(axis=1))
         return np.asarray(complete.any(axis=1)) if self.per_target else complete
 
 
@@ -302,17 +306,21 @@ def tip_pose_row(message: Any, settings: EstimatorSettings, _: int | None) -> tu
 
 
 def imu_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
-    """Return stamp and specific force (3,) m/s^2 in the base frame; UnusableTopic: wrong frame."""
-    reading = decode_imu(message)
-    force, turn = np.array([reading.x, reading.y, reading.z]), turn_of(settings.imu_from_base)
+    """Return stamp, specific force (m/s^2) and turn rate (rad/s) in the base frame, (4,).
+
+    UnusableTopic: wrong frame.
+    """
+    reading, turn = decode_imu(message), turn_of(settings.imu_from_base)
+    force, rate = np.array([reading.x, reading.y, reading.z]), np.array(reading.rate)
     if turn is not None:
-        return reading.stamp_ns, rotation_matrix(turn) @ force
+        rotation = rotation_matrix(turn)
+        return reading.stamp_ns, np.append(rotation @ force, rotation[2] @ rate)
     if reading.frame_id != settings.frame_id:
         raise UnusableTopic(
             f'base_imu in frame {reading.frame_id!r}, but /tf_static has no transform from it to '
             f'{settings.frame_id!r}: set imu_from_base (--imu-from-base)'
         )
-    return reading.stamp_ns, force
+    return reading.stamp_ns, np.append(force, rate[2])
 
 
 PRESSURE = Sensor(
@@ -357,23 +365,30 @@ TIP_POSE = Sensor(
     type=TIP_POSE_TYPE,
     label='tip pose',
     components=(
-        Component(name='tip_x', kind='length', shown_unit='mm', shown_per_si=1e3),
-        Component(name='tip_y', kind='length', shown_unit='mm', shown_per_si=1e3),
+        Component(name='tip_x', kind='length', shown_unit='mm', shown_per_si=1e3, optional=True),
+        Component(name='tip_y', kind='length', shown_unit='mm', shown_per_si=1e3, optional=True),
         Component(
-            name='tip_heading', kind='angle', shown_unit='deg', shown_per_si=math.degrees(1.0)
+            name='tip_heading',
+            kind='angle',
+            shown_unit='deg',
+            shown_per_si=math.degrees(1.0),
+            optional=True,
         ),
     ),
     decode=decode_tip_pose,
     row=tip_pose_row,
     message=tip_pose_message,
-    partial=True,
 )
 BASE_IMU = Sensor(
     name='base_imu',
     type=IMU_TYPE,
     label='base_imu reading',
-    components=tuple(
-        Component(name=f'imu_a{axis}', kind='acceleration', shown_unit='m/s^2') for axis in 'xyz'
+    components=(
+        *(
+            Component(name=f'imu_a{axis}', kind='acceleration', shown_unit='m/s^2')
+            for axis in 'xyz'
+        ),
+        Component(name='imu_wz', kind='turn_rate', shown_unit='rad/s', optional=True),
     ),
     decode=decode_imu,
     row=imu_row,

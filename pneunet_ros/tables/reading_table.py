@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.arrays import are_numbers, Array, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.unit_system import SI, UnitSystem
@@ -74,6 +74,8 @@ def columns(table: ReadingTable, units: UnitSystem = SI) -> dict[str, npt.NDArra
                     found[f'{component.name}{target}_{name}'] = values[:, place, target] / size
         elif counts[sensor.name]:
             for place, component in enumerate(sensor.components):
+                if component.optional and not are_numbers(values[:, place]).any():
+                    continue
                 name, size = column_unit(component, units)
                 found[f'{component.name}_{name}'] = values[:, place] / size
     return found

@@ -209,7 +209,7 @@ def _along_axes(in_si: ColumnsInSI) -> dict[str, Array]:
 def _rows_of(sensor: Sensor[Any], in_si: ColumnsInSI, along_axes: Mapping[str, Array]) -> Array:
     """Return the rows of a sensor; a component without a column is 0, NaN without any column.
 
-    If components of the sensor may be unknown, a missing one is NaN.
+    A missing component that is optional is NaN.
     """
     names, rows = [item.name for item in sensor.components], len(in_si.lines)
     if sensor.per_target:
@@ -218,8 +218,12 @@ def _rows_of(sensor: Sensor[Any], in_si: ColumnsInSI, along_axes: Mapping[str, A
     given = {name for name in names if name in along_axes or (name, None) in in_si.columns}
     if not given:
         return np.full((rows, len(names)), np.nan)
-    absent = np.full(rows, np.nan if sensor.partial else 0.0)
-    parts = [along_axes.get(n, in_si.of(n)) if n in given else absent for n in names]
+    parts = [
+        along_axes.get(item.name, in_si.of(item.name))
+        if item.name in given
+        else np.full(rows, np.nan if item.optional else 0.0)
+        for item in sensor.components
+    ]
     return np.stack(parts, axis=1)
 
 

@@ -15,7 +15,7 @@ FRAMES = ['', 'b', 'pneunet_base', 'ünïcode', 'a' * 7, 'a' * 8]
 SENSORS = {
     PRESSURE: np.array([31e3]),
     END_WRENCH: np.array([0.1, -0.2, 1e-3]),
-    BASE_IMU: np.array([0.1, 9.8, -0.2]),
+    BASE_IMU: np.array([0.1, 9.8, -0.2, 0.3]),
 }
 
 
@@ -30,6 +30,16 @@ def made(sensor, frame_id='base'):
 def test_a_reading_is_that_of_the_message(sensor, frame_id):
     message, raw = made(sensor, frame_id)
     assert sensor.decode(read_message(raw, sensor.type)) == sensor.decode(message)
+
+
+def test_an_imu_may_read_no_angular_velocity():
+    for rate, read in ((np.nan, (np.nan,) * 3), (0.3, (0.0, 0.0, 0.3))):
+        row = np.array([0.1, 9.8, -0.2, rate])
+        found = BASE_IMU.decode(BASE_IMU.message(1, row, 'base', ROSBAGS_TYPES))
+        assert found.rate == pytest.approx(read, nan_ok=True)
+    message = BASE_IMU.message(1, row, 'base', ROSBAGS_TYPES)
+    message.angular_velocity.x = np.inf
+    assert np.isnan(BASE_IMU.decode(message).rate).all()
 
 
 @pytest.mark.parametrize('sensor', SENSORS, ids=lambda one: one.name)

@@ -67,7 +67,7 @@ def with_messages(path, messages):
 
 def imu(at, x, y, z, frame_id=BASE_FRAME):
     """Return a message of an accelerometer at a time (ms)."""
-    return at, BASE_IMU, imu_message(at * MS, np.array([x, y, z]), frame_id, ROSBAGS_TYPES)
+    return at, BASE_IMU, imu_message(at * MS, np.array([x, y, z, np.nan]), frame_id, ROSBAGS_TYPES)
 
 
 def frame(at, child, parent, angles, sensor):
@@ -261,7 +261,7 @@ def test_after_a_jump_back_in_time_the_longest_stretch_counts_as_of_the_readings
     for count, force in ((25, (0.0, G, 0.0)), (40, (G, 0.0, 0.0))):
         for step in range(count):
             message = imu_message(
-                (1000 + 100 * step) * MS, np.array(force), BASE_FRAME, ROSBAGS_TYPES
+                (1000 + 100 * step) * MS, np.array([*force, np.nan]), BASE_FRAME, ROSBAGS_TYPES
             )
             messages.append((len(messages), BASE_IMU, message))
     with_messages(tmp_path / 'jump.mcap', messages)

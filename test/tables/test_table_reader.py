@@ -11,6 +11,7 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import SI_PER_UNIT
 from pneunet_ros.tables import csv_table
 from pneunet_ros.tables.columns import column_of, KINDS, known_names, likely_name, standard_name
+from pneunet_ros.tables.reading_table import columns
 from pneunet_ros.tables.table_reader import ImportRequest, read_table, string_force
 import pytest
 from support.refusals import reasons, refused
@@ -47,6 +48,16 @@ def test_all_columns_at_once(tmp_path):
         'tip_pose': 0,
         'base_imu': 0,
     }
+
+
+def test_an_imu_need_not_read_an_angular_velocity(tmp_path):
+    table = read(tmp_path, 'time_s,imu_ax_g,imu_ay_g,imu_wz_deg_s\n1,0,1,90\n2,0,1,\n3,,,90\n')
+    assert table.present()['base_imu'].tolist() == [True, True, False]
+    np.testing.assert_allclose(table.values['base_imu'][0, 2:], [0.0, math.pi / 2.0])
+    assert 'imu_wz_rad_s' in columns(table)
+    without = read(tmp_path, 'time_s,imu_ax_g,imu_ay_g\n1,0,1\n')
+    assert 'imu_wz_rad_s' not in columns(without)
+    assert without.present()['base_imu'].all()
 
 
 def test_the_pose_of_the_tip_may_be_known_in_part(tmp_path):
