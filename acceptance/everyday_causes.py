@@ -203,7 +203,7 @@ def readings_of(
 
     name: of the cause; wrench: whether there is a force sensor, read with the pressure.
     """
-    random = np.random.default_rng([seed, 13])
+    random, gyro = (np.random.default_rng([seed, stream]) for stream in (13, 31))
     read, time = read_sensors(recording, random), recording.truth.time
     read[:, 3] += CAUSES[name].ripple * np.sin(2.0 * np.pi * 27.0 * time)
     frames = np.arange(0, time.size, EVERY)
@@ -219,7 +219,12 @@ def readings_of(
             frame, stamped = arriving[instant]
             events.append(sightings_of(int(stamped), recording.x[frame], recording.y[frame]))
         if CAUSES[name].imu:
-            events.append(imu_of(stamp, recording.motion.specific_force[instant], random))
+            force, rate = (
+                read[instant]
+                for read in (recording.motion.specific_force, recording.motion.base_rate)
+            )
+            turning = (0.0, 0.0, float(rate + LabNoise().gyro_std * gyro.standard_normal()))
+            events.append(dataclasses.replace(imu_of(stamp, force, random), rate=turning))
         if wrench:
             events.append(wrench_of(stamp, read[instant]))
         events.append(PressureReading(stamp_ns=stamp, pressure=float(read[instant, 3])))

@@ -30,10 +30,14 @@ Direction = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GravityReading:
-    """Gravity in the base frame: components along x and y, in g."""
+    """Gravity in the base frame: components along x and y, in g.
+
+    turn_rate: angular velocity (rad/s) of the base in the bending plane; NaN: not measured.
+    """
 
     stamp_ns: int
     direction: Direction
+    turn_rate: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,13 +87,12 @@ class GravitySource:
             return self.take_frames(known, reading)
         if not self.uses_imu:
             return known, None
-        refusal, direction = self.unfit(known, reading), None
+        refusal, found = self.unfit(known, reading), None
         if refusal is None:
-            direction, refusal = self.direction_of(known.frames, reading)
-        if direction is None:
+            found, refusal = self.gravity_of(known.frames, reading)
+        if found is None:
             ends = refusal is not None and refusal.error
             return replace(known, trouble=refusal if ends else known.trouble), refusal
-        found = GravityReading(stamp_ns=reading.stamp_ns, direction=direction)
         return replace(known, reading=found, earlier=known.reading, trouble=None), None
 
     def take_frames(
@@ -132,10 +135,10 @@ class GravitySource:
         )
         return refuse(stamp_ns, 'imu_unit', sentence)
 
-    def direction_of(
+    def gravity_of(
         self, frames: FrameTree, reading: ImuReading
-    ) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity in the base frame, in g, or why it is unknown."""
+    ) -> tuple[GravityReading | None, Refusal | None]:
+        """Return gravity and turn rate of the base, or why they are unknown."""
         turn = self.turn_of_imu(frames, reading.frame_id)
         if turn is None:
             base = self.settings.frame_id
@@ -144,9 +147,14 @@ class GravitySource:
                 f'to {base!r}: publish one, or set imu_from_base; {LEFT_OUT}'
             )
             return None, refuse(reading.stamp_ns, 'imu_frame', sentence)
-        read = np.array([reading.x, reading.y, reading.z])
-        force = rotation_matrix(turn) @ read / STANDARD_GRAVITY
-        return (0.0 - float(force[0]), 0.0 - float(force[1])), None
+        rotation, read = rotation_matrix(turn), np.array([reading.x, reading.y, reading.z])
+        force = rotation @ read / STANDARD_GRAVITY
+        found = GravityReading(
+            stamp_ns=reading.stamp_ns,
+            direction=(0.0 - float(force[0]), 0.0 - float(force[1])),
+            turn_rate=float(rotation[2] @ reading.rate),
+        )
+        return found, None
 
     def turn_of_imu(self, frames: FrameTree, frame_id: str) -> Quaternion | None:
         """Return the rotation from the frame of the accelerometer to the base."""
@@ -181,6 +189,14 @@ class GravitySource:
         if trouble is not None:
             return None, replace(trouble, stamp_ns=stamp_ns)
         return None, refuse(stamp_ns, 'stale_imu', self.stale('base_imu', age))
+
+    def turn_rate_at(self, known: BaseGravity, stamp_ns: int) -> float:
+        """Return the angular velocity (rad/s) of the base at a stamp; NaN if it is unknown."""
+        last = known.reading
+        if not self.uses_imu or last is None:
+            return math.nan
+        age = seconds_between(last.stamp_ns, stamp_ns)
+        return last.turn_rate if age <= self.settings.gravity_timeout else math.nan
 
     def change_since(self, known: BaseGravity, stamp_ns: int) -> Direction | None:
         """Return the likely change of gravity since the last base_imu, in g; None: there is none.

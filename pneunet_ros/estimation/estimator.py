@@ -185,9 +185,10 @@ class Estimator:
         moving = motion = None
         if self.moving is not None and self.places is not None:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
-            passed, course = self.passed_loads(state, reading.stamp_ns, inputs)
+            turn_rate = self.gravity.turn_rate_at(state.gravity, reading.stamp_ns)
+            passed, course = self.passed_loads(state, reading.stamp_ns, inputs, turn_rate)
             moving, motion, shape, errors = self.moving.step(
-                passed, reading.stamp_ns, shape, errors, by_reading, self.places, course
+                passed, reading.stamp_ns, shape, errors, by_reading, self.places, course, turn_rate
             )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,
@@ -224,13 +225,13 @@ class Estimator:
         return ArmInputs(sensed=sensed, load=load, chamber=chamber, history=history)
 
     def passed_loads(
-        self, state: EstimatorState, stamp_ns: int, inputs: ArmInputs
+        self, state: EstimatorState, stamp_ns: int, inputs: ArmInputs, turn_rate: float
     ) -> tuple[MovingState | None, Array | None]:
         """Return the motion after the end wrenches read since the last estimate.
 
-        inputs: at the stamp. Also returns the covariance of `MovingArm.pass_loads`; None if there
-        are no such wrenches. A gap of more than input_timeout, or with a load without equilibrium,
-        is passed in one step.
+        inputs, turn_rate (rad/s) of the base: at the stamp. Also returns the covariance of
+        `MovingArm.pass_loads`; None if there are no such wrenches. A gap of more than
+        input_timeout, or with a load without equilibrium, is passed in one step.
         """
         moving, solution = state.moving, state.solution
         if self.moving is None or moving is None or not state.passed:
@@ -247,7 +248,8 @@ class Estimator:
             solution = shape.solution
             if solution is None:
                 return moving, None
-            loaded.append((wrench.stamp_ns, links_at(solution)))
+            links = links_at(solution)._replace(turn_rate=turn_rate)
+            loaded.append((wrench.stamp_ns, links))
         return self.moving.pass_loads(moving, stamp_ns, loaded)
 
     def with_age_error(

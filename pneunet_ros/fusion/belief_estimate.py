@@ -189,7 +189,9 @@ def arm_at(
         all_causes = None
         if model.swinging and bent.shape.converged and not model.force_is_known(belief):
             all_causes = causes_with_contact(model.unknowns, causes, bent.contact)
-        belief, motion = propagate_swing(model.swinging, before, belief, bent, path, all_causes)
+        belief, motion = propagate_swing(
+            model.swinging, before, belief, bent, path, all_causes, instant.turn_rate
+        )
     ratio = 1.0 if state.nis is None else state.nis.birge_ratio(FRAME_GATE)
     if ratio > 1.0:  # no hypothesis explains the last frames
         belief, unseen = replace(belief, root=freeze(ratio * belief.root)), ratio * unseen
@@ -363,7 +365,9 @@ def other_shape(model: PreparedModel, other: Belief, instant: PressureInstant) -
     if not bent.shape.converged:
         return None
     restamped = replace(other, stamp_ns=instant.stamp_ns)
-    propagated, _ = propagate_swing(model.swinging, other, restamped, bent)
+    propagated, _ = propagate_swing(
+        model.swinging, other, restamped, bent, turn_rate=instant.turn_rate
+    )
     estimate = swinging_estimate(model.swinging, propagated, bent, None)
     return bent.shape if estimate is None else estimate.swing_deviation.shape(bent.shape)
 

@@ -182,7 +182,9 @@ class Fusion:
         if refusal is not None:
             readings = readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        instant = replace(self.instant_at(state, reading), gravity=gravity)
+        turn_rate = self.gravity.turn_rate_at(readings.gravity, reading.stamp_ns)
+        instant = self.instant_at(state, reading)
+        instant = replace(instant, gravity=gravity, turn_rate=turn_rate)
         position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
         if position.reason == OUT_OF_RANGE:
             # The reading is not kept: without a possible pressure, only the camera is used.
@@ -331,7 +333,8 @@ class Fusion:
         gravity, unknown = self.gravity.at(state.readings.gravity, shown_ns)
         after_all = not state.pressures or shown_ns > state.pressures[-1].stamp_ns
         if after_all or instant.gravity is None:  # gravity turns without a pressure too
-            instant = replace(instant, gravity=gravity)
+            turn_rate = self.gravity.turn_rate_at(state.readings.gravity, shown_ns)
+            instant = replace(instant, gravity=gravity, turn_rate=turn_rate)
         return instant, unknown
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
@@ -366,6 +369,7 @@ class Fusion:
             chamber=first.chamber + share * (second.chamber - first.chamber),
             std=math.hypot(nearest.std, missed),
             missed=missed,
+            turn_rate=first.turn_rate + share * (second.turn_rate - first.turn_rate),
         )
 
     def wrench_at(

@@ -245,5 +245,7 @@ def propagate_to_frame(
     all_causes = None
     if bent.shape.converged and not model.force_is_known(propagated):
         all_causes = causes_with_contact(model.unknowns, causes, contact)
-    advanced, _ = propagate_swing(model.swinging, before, propagated, bent, path, all_causes)
+    advanced, _ = propagate_swing(
+        model.swinging, before, propagated, bent, path, all_causes, frame.instant.turn_rate
+    )
     return replace(advanced, solution=bent.solution if bent.shape.converged else before.solution)

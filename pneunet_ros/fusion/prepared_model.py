@@ -164,7 +164,8 @@ class PreparedModel:
 
     def unread(self, instant: PressureInstant) -> PressureInstant:
         """Return an instant as if its pressure had not been read: in the middle of the range."""
-        return replace(self.unread_at(instant.stamp_ns), gravity=instant.gravity)
+        unread = self.unread_at(instant.stamp_ns)
+        return replace(unread, gravity=instant.gravity, turn_rate=instant.turn_rate)
 
     def unread_at(self, stamp_ns: int) -> PressureInstant:
         """Return the default for an unread pressure: the middle of the range."""

@@ -20,7 +20,8 @@ class PressureInstant:
 
     memory: internal pressures (Pa) of lags and of a play; step (Pa): smallest change between
     successive readings so far, see `rounding_error`; missed (Pa): interpolation error between two
-    readings, included in std. gravity: along x and y, in g; None: as in the model.
+    readings, included in std. gravity: along x and y, in g; None: as in the model. turn_rate
+    (rad/s) of the base; NaN: unknown.
     """
 
     stamp_ns: int
@@ -32,6 +33,7 @@ class PressureInstant:
     step: float = math.inf
     missed: float = 0.0
     gravity: tuple[float, float] | None = None
+    turn_rate: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +148,8 @@ def path_of(
         ]
     elif not abs(way) > 0.0 and not any(deviations):
         return []
-    return list(map(EquilibriumBetween, stamps, shares, beyond, deviations))
+    turn_rates = [one.turn_rate for one in between]
+    return list(map(EquilibriumBetween, stamps, shares, beyond, deviations, turn_rates))
 
 
 def forces_at(pulls: tuple[WrenchReading, ...], stamps: list[int]) -> Array:

@@ -35,12 +35,14 @@ def propagate_swing(
     bent: BentArm,
     path: Sequence[EquilibriumBetween] = (),
     causes: Array | None = None,
+    turn_rate: float = math.nan,
 ) -> tuple[Belief, Moved | None]:
     """Propagate the swing of a belief to its new stamp; return the belief and the motion.
 
     before: the belief before; propagated: the belief at the new stamp, without its swing; bent:
     its equilibrium; path: see `SwingingArm.advance`; causes (causes, unknowns): derivatives by the
-    unknowns, None if the force is known. If there is no equilibrium, the swing is reset.
+    unknowns, None if the force is known; turn_rate (rad/s) of the base at the new stamp. If there
+    is no equilibrium, the swing is reset.
     """
     if arm is None:
         return propagated, None
@@ -51,7 +53,7 @@ def propagate_swing(
     if causes is not None:
         turning = arm.headings(bent.linearize()).T @ causes
     advanced, reference, motion = arm.advance(
-        known, propagated, bent.solution, propagated.stamp_ns, path, turning
+        known, propagated, bent.solution, propagated.stamp_ns, path, turning, turn_rate
     )
     if not np.isfinite(reference.left_out).all():  # such an arm cannot be followed
         return replace(arm.with_restarted_swing(propagated), reference=None), None

@@ -223,6 +223,7 @@ class MovingArm:
                 compliance=there.compliance + share * (start.compliance - first.compliance),
                 force=there.force + share * (start.force - first.force),
                 offset=there.offset,
+                turn_rate=there.turn_rate + share * (start.turn_rate - first.turn_rate),
             )
             state = go_between(state, passed_ns, links, self.masses, damping_time, self.modes)
         return state, whole.swing.covariance
@@ -236,19 +237,21 @@ class MovingArm:
         by_reading: Array,
         places: Places,
         course: Array | None = None,
+        turn_rate: float = math.nan,
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
         shape: the equilibrium at these places; errors of the equilibrium; by_reading (readings,
         3): change of x, y (m), theta of its tip by one sigma of each reading. course: covariance
-        of `pass_loads`, if loads were passed. Returns shape and errors of the moving arm.
+        of `pass_loads`, if loads were passed; turn_rate (rad/s) of the base. Returns shape and
+        errors of the moving arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None
         damping_time = self.arm.inertia.damping_time
         solved = shape.solution.for_kernels()
         following, moving = follow_reading(
-            state, stamp_ns, solved, self.masses, damping_time, self.modes
+            state, stamp_ns, solved, self.masses, damping_time, self.modes, turn_rate
         )
         if course is not None:
             following.swing.covariance[:] += course
@@ -299,15 +302,18 @@ def follow_reading(
     masses: Masses,
     damping_time: float,
     modes: Modes,
+    turn_rate: float = math.nan,
 ) -> tuple[MovingState, Moved]:
     """Advance an arm to the stamp of a reading with a known equilibrium.
 
     solved: panels, ends and nodes; state: None if the arm is at rest; if it is too old, see
-    `after_gap`. modes: their moments define the shapes.
+    `after_gap`. modes: their moments define the shapes; turn_rate (rad/s) of the base, NaN if it
+    is unknown.
     """
-    after, room = room_for_links(LINKS, float(solved[1][LOAD_OFFSET])), room_for(SHAPES, LINKS)
-    swing, seconds, steps, before, turned = at_rest(SHAPES), 1.0, 0, after, np.zeros(SHAPES)
-    gap = 0.0
+    after = room_for_links(LINKS, float(solved[1][LOAD_OFFSET]), turn_rate)
+    room = room_for(SHAPES, LINKS)
+    swing, seconds, steps, gap, turned = at_rest(SHAPES), 1.0, 0, 0.0, np.zeros(SHAPES)
+    before = after._replace(turn_rate=math.nan)  # at rest relative to the base
     if state is not None:
         elapsed = seconds_between(state.stamp_ns, stamp_ns)
         needed = steps_between(elapsed, damping_time, modes)
@@ -317,6 +323,7 @@ def follow_reading(
             swing = Swing(old.state.copy(), old.covariance.copy(), old.columns.copy())
         elif needed > 0:
             gap = elapsed
+    start, end = turning_links(before, after, seconds / max(steps, 1))
     at_nodes, at_joints = np.empty((3 + 3 * SHAPES, LINKS + 2)), np.empty((2 + SHAPES, LINKS + 1))
     tip = np.empty(5)
     follow_swing(
@@ -324,8 +331,8 @@ def follow_reading(
         swing,
         seconds,
         steps,
-        before,
-        after,
+        start,
+        end,
         masses,
         damping_time,
         modes.moment,
@@ -339,6 +346,16 @@ def follow_reading(
         swing.covariance[:] = after_gap(state, gap, after, masses, damping_time, modes.moment)
     following = MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
     return following, Moved(at_nodes, at_joints, tip[:3], tip[3:])
+
+
+def turning_links(before: Links, after: Links, step: float) -> tuple[Links, Links]:
+    """Return two equilibria, of a base at rest unless its turn rate is known at both.
+
+    A rate that steps of this length (s) cannot follow counts as unknown.
+    """
+    if step * (abs(before.turn_rate) + abs(after.turn_rate)) <= STEP:
+        return before, after
+    return before._replace(turn_rate=0.0), after._replace(turn_rate=0.0)
 
 
 def follow_readings(
@@ -389,13 +406,14 @@ def go_between(
     if not 0 < steps <= MOST_STEPS:
         return state
     previous, turned = state.swing, state.turned.copy()
+    start, end = turning_links(state.links, after, seconds / steps)
     swing = Swing(previous.state.copy(), previous.covariance.copy(), previous.columns.copy())
     advance_chain(
         swing,
         seconds,
         steps,
-        state.links,
-        after,
+        start,
+        end,
         masses,
         damping_time,
         modes.moment,

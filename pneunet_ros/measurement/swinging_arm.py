@@ -54,13 +54,14 @@ class EquilibriumBetween(NamedTuple):
     """The equilibrium between two stamps.
 
     share: fraction of the interval; force_deviation (2,) N, chamber_deviation (Pa): deviations of
-    tip force and pressure from linear interpolation.
+    tip force and pressure from linear interpolation; turn_rate (rad/s) of the base.
     """
 
     stamp_ns: int
     share: float
     force_deviation: Array | None = None
     chamber_deviation: float = 0.0
+    turn_rate: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,7 +99,7 @@ class Reference:
         """Return the reference with the equilibrium estimated from a frame."""
         return replace(
             self,
-            links=swing.links,
+            links=swing.links._replace(turn_rate=self.links.turn_rate),
             unknowns=unknowns,
             turning=turning,
             at_tip=swing.at_tip,
@@ -239,6 +240,7 @@ class SwingingArm:
         stamp_ns: int,
         path: Sequence[EquilibriumBetween] = (),
         turning: Array | None = None,
+        turn_rate: float = math.nan,
     ) -> tuple[Known, Reference, Moved]:
         """Advance a swinging arm to a stamp with a solved equilibrium.
 
@@ -251,6 +253,7 @@ class SwingingArm:
             path: between the stamps.
             turning: rotation of the links there per unknown; None: as before, because on a
                 straight arm an unknown force does not determine how the arm bends next.
+            turn_rate: that of the base at the new stamp, rad/s.
 
         Returns:
             The belief there, its reference, and the motion of the arm.
@@ -260,7 +263,7 @@ class SwingingArm:
         assert motion is not None
         state, start_links = self.follow_path(before, propagated, solution, path)
         following, moving = follow_reading(
-            state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes
+            state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes, turn_rate
         )
         links = following.links
         rates, projection = rates_about(links, masses, motion.damping_time, modes.moment)
@@ -328,7 +331,9 @@ class SwingingArm:
             rotation = previous.turning[:, self.pressure] * passed.chamber_deviation
             if passed.force_deviation is not None:
                 rotation = rotation + previous.turning[:, self.tip] @ passed.force_deviation
-            links_there = links_there._replace(heading=links_there.heading + rotation)
+            links_there = links_there._replace(
+                heading=links_there.heading + rotation, turn_rate=passed.turn_rate
+            )
             state = go_between(
                 state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
             )
@@ -521,6 +526,7 @@ def between(before: Links, after: Links, share: float) -> Links:
         compliance=before.compliance + share * (after.compliance - before.compliance),
         force=before.force + share * (after.force - before.force),
         offset=after.offset,
+        turn_rate=after.turn_rate,
     )
 
 

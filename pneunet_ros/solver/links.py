@@ -23,7 +23,7 @@ class Links(NamedTuple):
 
     heading (n,) rad; length (n,) m; compliance (n,) rad/(N m) of the joint at the beginning of
     each, for small changes; force (n, 2) N, the contact force in the middle of each. offset m:
-    distance across the tip at which the end load acts.
+    distance across the tip at which the end load acts; turn_rate rad/s of the base.
     """
 
     heading: Array
@@ -31,6 +31,7 @@ class Links(NamedTuple):
     compliance: Array
     force: Array
     offset: float
+    turn_rate: float
 
 
 class Masses(NamedTuple):
@@ -40,14 +41,15 @@ class Masses(NamedTuple):
     tip: float
 
 
-def room_for_links(count: int, offset: float = 0.0) -> Links:
-    """Return an uninitialized chain of this many links; offset (m) of the end load."""
+def room_for_links(count: int, offset: float = 0.0, turn_rate: float = 0.0) -> Links:
+    """Return an uninitialized chain of this many links; offset, turn_rate: see `Links`."""
     return Links(
         heading=np.empty(count),
         length=np.empty(count),
         compliance=np.empty(count),
         force=np.empty((count, 2)),
         offset=offset,
+        turn_rate=turn_rate,
     )
 
 

@@ -9,8 +9,10 @@ loads, Lagrange's equations in the momenta p = dT/dq' are
     q' = A^-1 (p - A_e),   p' = d(T - V)/dq - damping,
 
 A (shapes, shapes) the inertia of the shapes and A_e that of the moving equilibrium against them.
-Momenta are continuous when the pressure begins to rise. Damping is of the Kelvin-Voigt type:
-damping_time times the stiffness of a joint times the rate at which it bends.
+Momenta are continuous when the pressure begins to rise. T is that of the motion in space, so that
+Euler, centrifugal and Coriolis forces act if the base turns; before and after, p is relative to
+the base. Damping is of the Kelvin-Voigt type: damping_time times the stiffness of a joint times
+the rate at which it bends.
 """
 
 from __future__ import annotations
@@ -42,7 +44,10 @@ class Swing(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Output arrays of the kernels: see `slopes`; rates (2, shapes) of q and p, at the end."""
+    """Output arrays of the kernels: see `slopes`; rates (2, shapes) of q and p, at the end.
+
+    base (3 + shapes,): velocity of the tip (m/s, rad/s) and momenta by the base alone, at the end.
+    """
 
     turns: Array
     way: Array
@@ -50,6 +55,7 @@ class Room(NamedTuple):
     bends: Array
     damped: Array
     rates: Array
+    base: Array
 
 
 def at_rest(shapes: int) -> Swing:
@@ -69,6 +75,7 @@ def room_for(shapes: int, links: int) -> Room:
         bends=np.empty((shapes, links)),
         damped=np.empty(shapes),
         rates=np.zeros((2, shapes)),
+        base=np.zeros(3 + shapes),
     )
 
 
@@ -112,13 +119,14 @@ def slopes(
 ) -> None:
     """Write the rates (2, shapes) of q and p at a share of the time between readings to out.
 
-    rate 1/s of that fraction. Fills in room: turns, of the equilibrium with its shapes per second
-    (1, links), then the shapes (shapes, links), then their change per second; way (1 + shapes, 2,
-    links + 1) m, the motion of link centers and tip per unit of these; gram (1 + shapes, 1 +
-    shapes), their inertia; bends (shapes, links) rad of the joints; damped (shapes,), the damping
-    of p.
+    rate 1/s of that fraction; p: in space. Fills in room: turns, of the base and equilibrium with
+    its shapes per second (1, links), then the shapes (shapes, links), then their change per
+    second; way (1 + shapes, 2, links + 1) m, the motion of link centers and tip per unit of these;
+    gram (1 + shapes, 1 + shapes), their inertia; bends (shapes, links) rad of the joints; damped
+    (shapes,), the damping of p.
     """
     count, links = moments.shape
+    turn_rate = between(before.turn_rate, after.turn_rate, share)
     turns, way, gram, bends = room.turns, room.way, room.gram, room.bends
     heading, length = np.empty(links), np.empty(links)
     sine, cosine, tilt_x, tilt_y = (
@@ -138,7 +146,7 @@ def slopes(
     for i in range(links):
         equilibrium_heading = between(before.heading[i], after.heading[i], share)
         heading[i] = equilibrium_heading
-        turns[0, i] = rate * (after.heading[i] - before.heading[i])
+        turns[0, i] = turn_rate + rate * (after.heading[i] - before.heading[i])
         for a in range(count):
             heading[i] += turns[1 + a, i] * state[Q, a]
             turns[0, i] += turns[1 + count + a, i] * state[Q, a]
@@ -183,7 +191,7 @@ def slopes(
         y += my
         fx = between(before.force[i, 0], after.force[i, 0], share)
         fy = between(before.force[i, 1], after.force[i, 1], share)
-        turning, inner_turning, bent = turns[0, i], 0.0, 0.0
+        turning, inner_turning, bent = turns[0, i], turn_rate, 0.0
         if i > 0:
             inner_turning = turns[0, i - 1]
         for a in range(count):
@@ -203,6 +211,21 @@ def slopes(
             room.damped[a] += damping
             out[P, a] += turns[1 + a, i] * push + turns[1 + count + a, i] * spin
             out[P, a] -= bends[a, i] * bent + damping
+
+
+@inner
+def carry(
+    state: Array, links: Links, masses: Masses, damping_time: float, moments: Array, room: Room
+) -> None:
+    """Fill room.base for an arm in a state that does not move relative to its turning base."""
+    count, last = moments.shape
+    rates = np.empty((2, count))
+    slopes(state, 0.0, 1.0, links, links, masses, damping_time, moments, room, rates)
+    for axis in range(2):
+        room.base[axis] = room.way[0, axis, last]
+    room.base[2] = links.turn_rate
+    for a in range(count):
+        room.base[3 + a] = room.gram[1 + a, 0]
 
 
 @inner
@@ -380,14 +403,23 @@ def advance_chain(
     """Advance a chain in place; moments (shapes, n) N m: those of the shapes.
 
     before, after: its equilibrium at either end. turned (shapes,) 1/s: rate of the equilibrium
-    until `before`, in units of q, and then until `after`. What its change since then and the
-    change of its rate have in common may have come at any instant, see `add_unknown_course`.
+    relative to the base until `before`, in units of q, and then until `after`. What its change
+    since then and the change of its rate have in common may have come at any instant, see
+    `add_unknown_course`.
     """
     count = moments.shape[0]
     rates = np.empty((2, count))
     damping, inverse = np.empty((count, count)), np.empty((count, count))
     errors = np.empty((2, 2 * count))
+    for i in range(3 + count):
+        room.base[i] = 0.0
+    base_turns = before.turn_rate != 0.0 or after.turn_rate != 0.0
+    if base_turns:
+        carry(swing.state, before, masses, damping_time, moments, room)
+        add_momenta(swing, room, 1.0)
     advance(swing.state, seconds, steps, before, after, masses, damping_time, moments, room)
+    if base_turns:
+        carry(swing.state, after, masses, damping_time, moments, room)
     slopes(
         swing.state, 1.0, 1.0 / seconds, before, after, masses, damping_time, moments, room, rates
     )
@@ -424,12 +456,23 @@ def advance_chain(
     for a in range(count):
         rate = 0.0
         for b in range(count):
-            rate += inverse[a, b] * room.gram[1 + b, 0]
+            rate += inverse[a, b] * (room.gram[1 + b, 0] - room.base[3 + b])
         change[a], bend[a] = seconds * rate, seconds * (rate - turned[a])
         turned[a] = rate
     if inertia_of(bend, room) < inertia_of(change, room):
         change = bend
     add_unknown_course(swing.covariance, step, steps, change)
+    if base_turns:
+        add_momenta(swing, room, -1.0)
+
+
+@inner
+def add_momenta(swing: Swing, room: Room, factor: float) -> None:
+    """Add the momenta by the turning base, which are proportional to the mass, in place."""
+    count = swing.state.shape[1]
+    for a in range(count):
+        swing.state[P, a] += factor * room.base[3 + a]
+        swing.columns[MASS, count + a] += factor * room.base[3 + a]
 
 
 @inner
@@ -492,9 +535,9 @@ def follow_series(
         for a in range(count):
             state[row, a] = start[row, a]
     for which in range(len(panels)):
-        before = Links(first.heading, first.length, first.compliance, first.force, offset)
+        before = Links(first.heading, first.length, first.compliance, first.force, offset, 0.0)
         offset = ends[which, col.LOAD_OFFSET]
-        after = Links(second.heading, second.length, second.compliance, second.force, offset)
+        after = Links(second.heading, second.length, second.compliance, second.force, offset, 0.0)
         cut_links(
             panels[which],
             ends[which],
@@ -549,12 +592,12 @@ def follow_swing(
     """Advance a chain to the equilibrium of a solved rod, and return its position there.
 
     solved: tables of the rod, whose links are written into after. swing is advanced in place;
-    steps: 0 if it is at rest, and `before` is not used. Other arguments as in `advance_chain`.
-    Fills at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and the tip: x, y (m),
-    theta (rad) relative to the equilibrium, then their changes per q of each shape; at_joints (2 +
-    shapes, n + 1), at the joints and the tip: curvature (1/m) and moment (N m) relative to the
-    equilibrium, then the change of curvature per q; tip (5,): its velocity (m/s, rad/s), and its
-    velocity in x, y if the equilibrium stopped.
+    steps: 0 if it is at rest, on a base that is at rest, and `before` is not used. Other arguments
+    as in `advance_chain`. Fills at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and
+    the tip: x, y (m), theta (rad) relative to the equilibrium, then their changes per q of each
+    shape; at_joints (2 + shapes, n + 1), at the joints and the tip: curvature (1/m) and moment
+    (N m) relative to the equilibrium, then the change of curvature per q; tip (5,): its velocity
+    relative to the base (m/s, rad/s), and its velocity in x, y if the equilibrium stopped.
     """
     panels, ends, nodes = solved
     cut_links(panels, ends, nodes, after.heading, after.length, after.compliance, after.force)
@@ -598,11 +641,11 @@ def follow_swing(
             matrix[a, b] = room.gram[1 + a, 1 + b]
     solve_small(matrix, held)
     for axis in range(2):
-        tip[axis] = velocity(room.way, room.rates, axis, links)
+        tip[axis] = velocity(room.way, room.rates, axis, links) - room.base[axis]
         tip[3 + axis] = 0.0
         for a in range(count):
             tip[3 + axis] += held[a, 0] * room.way[1 + a, axis, links]
-    tip[2] = room.turns[0, links - 1]
+    tip[2] = room.turns[0, links - 1] - room.base[2]
     for a in range(count):
         tip[2] += room.rates[Q, a] * room.turns[1 + a, links - 1]
 

@@ -231,3 +231,14 @@ def test_a_transform_stamped_ahead_costs_no_reading_for_good():
     assert again.frames['base'].stamp_ns == 1_010 * MS
     late = after(again, 1_005)  # two ways to here, of which one is slower
     assert late.frames['base'].stamp_ns == 1_010 * MS
+
+
+@pytest.mark.parametrize('mounted', ['', '0, 1.5707963267948966, 0'])
+def test_the_turn_rate_is_about_the_normal_of_the_bending_plane(mounted):
+    about = (0.0, 0.0, 0.7) if not mounted else (-0.7, 0.0, 0.0)
+    of = estimator(imu_from_base=mounted)
+    state, _ = run(of, imu(G, 0.0, 0.0, rate=about))
+    assert of.gravity.turn_rate_at(state.gravity, 2 * MS) == pytest.approx(0.7)
+    assert np.isnan(of.gravity.turn_rate_at(state.gravity, 2000 * MS))  # too old
+    state, _ = run(of, imu(G, 0.0, 0.0))
+    assert np.isnan(of.gravity.turn_rate_at(state.gravity, 2 * MS))

@@ -122,6 +122,16 @@ def test_a_wrong_force_pulls_the_arm_as_the_chain_is_pulled(swing):
         assert first < 0.1 * np.abs(numeric[2])  # the slowest shape, which carries the arm
 
 
+def test_a_frame_keeps_the_turn_rate_of_the_base():
+    chain, arm = swinging()
+    known = first_belief(Fusion(arm=arm).model.unknowns, 0)
+    solution = solve(arm, PRESSURE).solution
+    _, reference, _ = chain.advance((known, None, 0), known, solution, 1, turn_rate=0.7)
+    swing = chain.swing_deviation(solution, known.mean, reference, chain.targets)
+    seen = reference.at_estimate(swing, known.mean, reference.turning)
+    assert seen.links.turn_rate == 0.7
+
+
 def test_faster_shapes_answer_a_ramp_late():
     chain, _ = swinging()
     assert chain.response_share(1e-9) < 1e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 import itertools
 
@@ -9,13 +10,20 @@ import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.core.arrays import freeze
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.readings import ImuReading, PressureReading, WrenchReading
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import predict_frame
 from pneunet_ros.estimation.health import EstimatorHealth
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.motion import LabMotion
+from pneunet_ros.lab.protocols import Corners
+from pneunet_ros.lab.sensors import noiseless, Rates
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.moving_arm import rates_about
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
@@ -27,6 +35,7 @@ from pneunet_ros.solver.links import mass_matrix
 from pneunet_ros.solver.swing import advance_chain, at_rest, part_shapes, room_for, Swing
 import pytest
 from support.example_arms import paper_arm
+from support.lab_run import true_model
 from support.refusals import refused
 
 DAMPING_TIME, PERIOD_NS = 0.025, 10_000_000
@@ -350,6 +359,83 @@ def test_mujoco_swings_alike_through_steps_of_40_kilopascals(force):
     assert rms < 0.4e-3
     assert np.mean(inside) > 0.9
     assert np.sqrt(np.mean(np.sum(np.square(still), axis=1))) > 10.0 * rms
+
+
+def test_an_arm_on_a_turning_base_moves_as_one_whose_equilibrium_turns():
+    arm, rate = moving(damping_time=0.0), 1.5
+    shape = solve(arm, 30e3)
+    masses, modes = masses_of(arm), vibration(arm, shape, 2)
+    links = links_at(shape.solution)
+    links = links._replace(force=np.zeros_like(links.force))
+    on_base = links._replace(turn_rate=rate)
+    turns = np.cumsum(modes.moment * links.compliance, axis=1)
+    carried = turns @ mass_matrix(links, masses) @ np.full(links.heading.size, rate)
+    seen, fixed = swing_of([0.0, 0.0]), swing_of([0.0, 0.0])
+    fixed.state[1] = carried
+    room, still, angle = room_for(2, links.heading.size), np.zeros(2), 0.0
+    for _ in range(60):
+        advance_chain(seen, 0.01, 4, on_base, on_base, masses, 0.0, modes.moment, still, room)
+        before, after = (
+            links._replace(heading=links.heading + turned)
+            for turned in (angle, angle + 0.01 * rate)
+        )
+        advance_chain(fixed, 0.01, 4, before, after, masses, 0.0, modes.moment, np.zeros(2), room)
+        angle += 0.01 * rate
+        assert seen.state[0] == pytest.approx(fixed.state[0], rel=1e-6, abs=1e-12)
+    assert np.abs(seen.state[0] @ turns)[-1] > 0.005  # rad: it is pulled outwards
+
+
+def turned_tips(rates: Sequence[float]) -> list[np.ndarray]:
+    """Return how far an estimator is off (m) on a base that MuJoCo turns by 1.6 rad in 1 s.
+
+    rates: by what the angular velocity that the IMU reads is multiplied, NaN: it reads none.
+    """
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    every = Rates(pressure=100.0, wrench=100.0, frames=100.0, imu=100.0)
+    protocol = Corners(
+        duration=2.0, share=(0.0, 1.0), pressure=(30e3, 30e3), force_x=(0.0, 0.0),
+        force_y=(0.0, 0.0),
+    )  # fmt: skip
+    turn = LabMotion(
+        gravity_x=1.0, turn_share=(0.0, 0.2, 0.7, 1.0), turn_angle=(0.0, 0.0, 1.6, 1.6)
+    )
+    scenario = replace(
+        scenario, protocol=protocol, rates=every, noise=noiseless(), motion=turn, effects=()
+    )
+    recording = simulate(scenario)
+    arm = replace(true_model(scenario), motion=Motion(damping_time=turn.damping_time))
+    tips = np.column_stack([recording.truth.x[:, -1], recording.truth.y[:, -1]])
+    found = []
+    for factor in rates:
+        estimator, state, off = Estimator(arm=arm, settings=UNLOADED), EstimatorState(), []
+        for index, stamp_ns in enumerate(recording.stamp_ns.tolist()):
+            x, y, z, rate = recording.imu[index].tolist()
+            reading = ImuReading(
+                stamp_ns=stamp_ns,
+                x=x,
+                y=y,
+                z=z,
+                frame_id=BASE_FRAME,
+                rate=(0.0, 0.0, factor * rate),
+            )
+            state, _ = estimator.step(state, reading)
+            pressure = PressureReading(
+                stamp_ns=stamp_ns, pressure=float(recording.pressure[index])
+            )
+            state, estimate = estimator.step(state, pressure)
+            off.append(np.array(estimate.shape.tip[:2]) - tips[index])
+        found.append(np.hypot(*np.array(off).T))
+    return found
+
+
+def test_mujoco_bends_alike_on_a_base_that_turns():
+    pytest.importorskip('mujoco', reason="no MuJoCo here: pip install '.[mujoco]'")
+    read, unread, resting, endless, degrees = turned_tips([1.0, np.nan, 0.0, 1e300, 57.3])
+    assert read.max() < 0.5e-3  # m
+    assert unread.max() > 8e-3
+    assert np.array_equal(unread, resting)
+    assert np.array_equal(unread, endless)
+    assert np.isfinite(degrees).all()
 
 
 def test_diagnostics_say_how_the_arm_moves():
