@@ -224,7 +224,9 @@ def readings_of(
                 for read in (recording.motion.specific_force, recording.motion.base_rate)
             )
             turning = (0.0, 0.0, float(rate + LabNoise().gyro_std * gyro.standard_normal()))
-            events.append(dataclasses.replace(imu_of(stamp, force, random), rate=turning))
+            reading = imu_of(stamp, force, random)
+            noise = LabNoise().imu_std ** 2
+            events.append(dataclasses.replace(reading, rate=turning, variance=noise))
         if wrench:
             events.append(wrench_of(stamp, read[instant]))
         events.append(PressureReading(stamp_ns=stamp, pressure=float(read[instant, 3])))

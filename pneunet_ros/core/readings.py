@@ -56,7 +56,8 @@ class ImuReading:
     """A reading of an IMU at the base: specific force (m/s^2) in its `frame_id`.
 
     At rest it is 9.81 m/s^2 upwards. known: whether the sensor measures acceleration, by its own
-    report. rate: angular velocity (rad/s), NaN if it is not measured.
+    report. rate: angular velocity (rad/s), NaN if it is not measured. variance: of each component
+    of the force, 0 = unknown.
     """
 
     stamp_ns: int
@@ -66,6 +67,7 @@ class ImuReading:
     frame_id: str
     known: bool = True
     rate: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    variance: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ from pneunet_ros.core.readings import BaseReading, FrameReading, ImuReading
 from pneunet_ros.core.stamps import RESTARTED, stamp_fault
 from pneunet_ros.core.units import seconds_between, seconds_since, STANDARD_GRAVITY
 from pneunet_ros.estimation.settings import EstimatorSettings, turn_of
+from pneunet_ros.measurement.moving_arm import BaseMotion
 from pneunet_ros.model.gravity import FIXED, Gravity, IMU
 
 WHAT = 'base_imu reading'
@@ -33,11 +34,13 @@ class GravityReading:
     """Gravity in the base frame: components along x and y, in g.
 
     turn_rate: angular velocity (rad/s) of the base in the bending plane; NaN: not measured.
+    variance (m/s^2)^2 of each component; 0 = unknown.
     """
 
     stamp_ns: int
     direction: Direction
     turn_rate: float
+    variance: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,6 +156,7 @@ class GravitySource:
             stamp_ns=reading.stamp_ns,
             direction=(0.0 - float(force[0]), 0.0 - float(force[1])),
             turn_rate=float(rotation[2] @ reading.rate),
+            variance=reading.variance,
         )
         return found, None
 
@@ -197,6 +201,19 @@ class GravitySource:
             return math.nan
         age = seconds_between(last.stamp_ns, stamp_ns)
         return last.turn_rate if age <= self.settings.gravity_timeout else math.nan
+
+    def motion_at(self, known: BaseGravity, stamp_ns: int, since_ns: int | None) -> BaseMotion:
+        """Return the motion of the base at a stamp; since_ns: of the estimate before, if any."""
+        last, earlier = known.reading, known.earlier
+        if not self.uses_imu or last is None:
+            return BaseMotion()
+        seconds = 0.0 if since_ns is None else seconds_between(since_ns, stamp_ns)
+        period = 0.0 if earlier is None else seconds_between(earlier.stamp_ns, last.stamp_ns)
+        return BaseMotion(
+            turn_rate=self.turn_rate_at(known, stamp_ns),
+            variance=last.variance,
+            lasting=seconds * max(seconds, period),
+        )
 
     def change_since(self, known: BaseGravity, stamp_ns: int) -> Direction | None:
         """Return the likely change of gravity since the last base_imu, in g; None: there is none.

@@ -185,10 +185,11 @@ class Estimator:
         moving = motion = None
         if self.moving is not None and self.places is not None:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
-            turn_rate = self.gravity.turn_rate_at(state.gravity, reading.stamp_ns)
-            passed, course = self.passed_loads(state, reading.stamp_ns, inputs, turn_rate)
+            since_ns = None if state.moving is None else state.moving.stamp_ns
+            base = self.gravity.motion_at(state.gravity, reading.stamp_ns, since_ns)
+            passed, course = self.passed_loads(state, reading.stamp_ns, inputs, base.turn_rate)
             moving, motion, shape, errors = self.moving.step(
-                passed, reading.stamp_ns, shape, errors, by_reading, self.places, course, turn_rate
+                passed, reading.stamp_ns, shape, errors, by_reading, self.places, course, base
             )
         estimate = estimate_of(
             stamp_ns=reading.stamp_ns,

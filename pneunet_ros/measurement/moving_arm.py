@@ -58,6 +58,22 @@ STEP = 1.0  # of the integration, per shortest time of the motion; it is stable 
 MOST_STEPS = 2000  # between two readings: after a longer gap the swing of the arm is unknown
 
 
+class BaseMotion(NamedTuple):
+    """Motion of the base of an arm as an IMU on it reads it.
+
+    turn_rate (rad/s), NaN if it is unknown; variance ((m/s^2)^2) of each component of the specific
+    force, 0 = unknown. lasting (s^2): time since the last estimate, times that for which a reading
+    of the force is used.
+    """
+
+    turn_rate: float = math.nan
+    variance: float = 0.0
+    lasting: float = 0.0
+
+
+RESTING_BASE = BaseMotion()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovingState:
     """State of the motion at a stamp: the equilibrium as links, and the swing.
@@ -237,24 +253,25 @@ class MovingArm:
         by_reading: Array,
         places: Places,
         course: Array | None = None,
-        turn_rate: float = math.nan,
+        base: BaseMotion = RESTING_BASE,
     ) -> tuple[MovingState, MotionEstimate, Shape, PropagatedErrors]:
         """Advance to the equilibrium of a reading.
 
         shape: the equilibrium at these places; errors of the equilibrium; by_reading (readings,
         3): change of x, y (m), theta of its tip by one sigma of each reading. course: covariance
-        of `pass_loads`, if loads were passed; turn_rate (rad/s) of the base. Returns shape and
-        errors of the moving arm.
+        of `pass_loads`, if loads were passed. Returns shape and errors of the moving arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None
         damping_time = self.arm.inertia.damping_time
         solved = shape.solution.for_kernels()
         following, moving = follow_reading(
-            state, stamp_ns, solved, self.masses, damping_time, self.modes, turn_rate
+            state, stamp_ns, solved, self.masses, damping_time, self.modes, base.turn_rate
         )
         if course is not None:
             following.swing.covariance[:] += course
+        if base.variance > 0.0:
+            following.swing.covariance[SHAPES:, SHAPES:] += self.jolts(moving, base)
         swing, swinging = following.swing, moving.stopped / self.modes.frequency[0]
         along, bent = moving.at_nodes @ places.nodes, moving.at_joints @ places.joints
         std, covariance = errors.std.copy(), errors.tip_covariance.copy()
@@ -280,6 +297,16 @@ class MovingArm:
                 second_order=errors.second_order,
             ),
         )
+
+    def jolts(self, there: Moved, base: BaseMotion) -> Array:
+        """Return the covariance of p by the noise of gravity since the last estimate.
+
+        A noise that lasts is a wrong equilibrium, which an arm at rest reaches in its own time.
+        """
+        lasting = min(base.lasting, float(self.modes.frequency[0]) ** -2)
+        mass = np.array([0.0, *self.masses.mass, self.masses.tip])
+        pulled = there.at_nodes[3:].reshape(SHAPES, 3, -1)[:, :2] @ mass  # per m/s^2
+        return np.asarray(base.variance * lasting * pulled @ pulled.T)
 
 
 class Moved(NamedTuple):

@@ -25,6 +25,7 @@ def decode_imu(message: Any) -> ImuReading:
         force, turn = message.linear_acceleration, message.angular_velocity
         rate = float(turn.x), float(turn.y), float(turn.z)
         measured = float(message.angular_velocity_covariance[0]) != -1.0
+        variance = max(float(message.linear_acceleration_covariance[at]) for at in (0, 4, 8))
         return ImuReading(
             stamp_ns=nanoseconds(message.header.stamp),
             x=float(force.x),
@@ -33,11 +34,17 @@ def decode_imu(message: Any) -> ImuReading:
             frame_id=str(message.header.frame_id),
             known=float(message.linear_acceleration_covariance[0]) != -1.0,
             rate=rate if measured and all(map(math.isfinite, rate)) else 3 * (math.nan,),
+            variance=variance if 0.0 < variance < math.inf else 0.0,
         )
 
 
-def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
-    """Build an Imu of a specific force (m/s^2) and a rate about z (rad/s, NaN: none), (4,)."""
+def imu_message(
+    stamp_ns: int, row: Array, frame_id: str, types: MessageTypes, std: float = 0.0
+) -> Any:
+    """Build an Imu of a specific force (m/s^2) and a rate about z (rad/s, NaN: none), (4,).
+
+    std (m/s^2): one sigma of each component of the force, 0 = unknown.
+    """
     vector, quaternion = types('geometry_msgs/msg/Vector3'), types('geometry_msgs/msg/Quaternion')
     x, y, z, rate = map(float, row)
     unknown, known = np.zeros(9), np.zeros(9)
@@ -50,7 +57,7 @@ def imu_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -
         angular_velocity=vector(x=0.0, y=0.0, z=rate if turns else 0.0),
         angular_velocity_covariance=known if turns else unknown,
         linear_acceleration=vector(x=x, y=y, z=z),
-        linear_acceleration_covariance=known,
+        linear_acceleration_covariance=std**2 * np.eye(3).ravel(),
     )
 
 

@@ -19,6 +19,7 @@ from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.scenario import describe
+from pneunet_ros.messages.base_frames import imu_message
 from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -122,7 +123,8 @@ def messages(recording: LabRecording) -> Iterator[Message]:
         return targets_message(stamp_ns, x, y, BASE_FRAME, ROSBAGS_TYPES, std)
 
     def imu(stamp_ns: int, index: int) -> Any:
-        return BASE_IMU.message(stamp_ns, recording.imu[index], BASE_FRAME, ROSBAGS_TYPES)
+        row, std = recording.imu[index], recording.scenario.noise.imu_std
+        return imu_message(stamp_ns, row, BASE_FRAME, ROSBAGS_TYPES, std)
 
     sources = (
         (BASE_IMU, recording.imu_stamp_ns, TRANSPORT_NS, imu),

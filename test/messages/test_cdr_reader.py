@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 import numpy as np
+from pneunet_ros.messages.base_frames import imu_message
 from pneunet_ros.messages.cdr_reader import read_message
 from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE
 from pneunet_ros.messages.readings import FRAMES as TF
@@ -37,9 +38,12 @@ def test_an_imu_may_read_no_angular_velocity():
         row = np.array([0.1, 9.8, -0.2, rate])
         found = BASE_IMU.decode(BASE_IMU.message(1, row, 'base', ROSBAGS_TYPES))
         assert found.rate == pytest.approx(read, nan_ok=True)
-    message = BASE_IMU.message(1, row, 'base', ROSBAGS_TYPES)
+    message = imu_message(1, row, 'base', ROSBAGS_TYPES, std=0.2)
     message.angular_velocity.x = np.inf
     assert np.isnan(BASE_IMU.decode(message).rate).all()
+    assert BASE_IMU.decode(message).variance == pytest.approx(0.04)
+    message.linear_acceleration_covariance[4] = np.nan
+    assert BASE_IMU.decode(message).variance in (0.0, pytest.approx(0.04))
 
 
 @pytest.mark.parametrize('sensor', SENSORS, ids=lambda one: one.name)

@@ -13,6 +13,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import ImuReading, PressureReading, WrenchReading
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import STANDARD_GRAVITY
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import predict_frame
@@ -436,6 +437,29 @@ def test_mujoco_bends_alike_on_a_base_that_turns():
     assert np.array_equal(unread, resting)
     assert np.array_equal(unread, endless)
     assert np.isfinite(degrees).all()
+
+
+def test_the_noise_of_an_accelerometer_widens_the_tip_as_it_moves_it():
+    arm, std, found = moving(gravity=gravity_of('imu')), 0.1, {}
+    for name, variance in (('still', 0.0), ('shaken', std**2)):
+        random, estimator = np.random.default_rng(3), Estimator(arm=arm, settings=UNLOADED)
+        state, found[name] = EstimatorState(), []
+        for index in range(3000):
+            stamp_ns = 10**9 + index * PERIOD_NS
+            x, y = random.normal(0.0, std if variance else 0.0, 2).tolist()
+            reading = ImuReading(
+                stamp_ns=stamp_ns, x=x, y=y, z=STANDARD_GRAVITY, frame_id=BASE_FRAME,
+                variance=variance,
+            )  # fmt: skip
+            state, _ = estimator.step(state, reading)
+            pressure = PressureReading(stamp_ns=stamp_ns, pressure=20e3)
+            state, estimate = estimator.step(state, pressure)
+            found[name].append(estimate)
+    tips = np.array([one.shape.tip[:2] for one in found['shaken'][300:]])
+    stated = (found['shaken'][-1].tip_covariance - found['still'][-1].tip_covariance)[:2, :2]
+    spread = float(np.trace(np.cov(tips.T)))
+    assert np.sqrt(np.trace(stated) / spread) == pytest.approx(1.0, abs=0.3)
+    assert np.sqrt(spread) > 1e-4  # m
 
 
 def test_diagnostics_say_how_the_arm_moves():

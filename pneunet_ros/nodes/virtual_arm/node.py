@@ -22,6 +22,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.lab.moving_arm import MovingShape
+from pneunet_ros.messages.base_frames import imu_message
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import BASE_IMU, END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
@@ -189,7 +190,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         pressure = np.array([reading.pressure])
         # The pressure comes last, because it triggers the estimate.
         if reading.imu is not None and self.imus is not None:
-            self.imus.publish(BASE_IMU.message(stamp_ns, reading.imu, frame_id, RCLPY_TYPES))
+            std = self.configuration.lab.scenario.noise.imu_std
+            self.imus.publish(imu_message(stamp_ns, reading.imu, frame_id, RCLPY_TYPES, std))
         self.wrenches.publish(END_WRENCH.message(stamp_ns, wrench, frame_id, RCLPY_TYPES))
         self.pressures.publish(PRESSURE.message(stamp_ns, pressure, PRESSURE_FRAME, RCLPY_TYPES))
         self.readings += 1
