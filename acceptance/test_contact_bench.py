@@ -52,7 +52,26 @@ def test_a_push_is_named_when_it_is_ambiguous_no_more():
     found[:70, bench.COLUMNS.index('ambiguous')] = 1.0
     assert bench.delays_of(found) == (10.0, 0.0)
     found[:, bench.COLUMNS.index('ambiguous')] = 1.0
-    assert bench.delays_of(found) == (np.inf, 0.0)
+    onset, release = bench.delays_of(found)
+    assert onset == np.inf and np.isnan(release)
+
+
+def test_a_contact_that_is_never_named_misses_its_goals():
+    found = rigs()
+    column = bench.COLUMNS.index('ambiguous')
+    for way in ('wrench', 'free tip'):
+        found[0][f'{way} push'][..., column] = 1.0
+        found[0][f'{way} clean'][..., column] = 1.0
+    summary = bench.summary_of(found)
+    assert [one for one in summary['missed'] if 'found' in one] == [
+        f'{way} push: found = 0, wanted 0.9 to 1' for way in ('wrench', 'free tip')
+    ]
+    assert summary['cases']['wrench clean']['ambiguous_in_vain'] == 1.0
+    silent = rigs()
+    silent[0]['no wrench clean'][..., column] = np.nan
+    assert bench.summary_of(silent)['missed'] == [
+        'no wrench clean: estimates = 0, wanted 0.95 to 1'
+    ]
 
 
 def test_a_push_of_the_lab_is_found_where_it_is():
