@@ -8,8 +8,8 @@ table, and close by pressure: forces, shapes and contacts are MuJoCo's. Pressure
 without a force sensor. The answer is compared with the truth at the stamp of its frames, forces
 with their mean since the frame before: diameter and sum of the forces while the cylinder is held
 (p95 of the error), and while the fingers still close on it; how long after a push of 8 mN at a
-second finger two are seen to touch, and how often they are before they do. Exit code 1 where a
-goal is missed.
+second finger two are seen to touch, and how many frames show more touches than there are. Exit
+code 1 where a goal is missed.
 """
 
 from __future__ import annotations
@@ -216,7 +216,7 @@ def judged(diameter, rows):
         'closing_width_mm': 1e3 * p95(off[0][closing]),
         'closing_force_percent': 100.0 * p95(off[1][closing]),
         'seen_after_ms': 1e3 * (rows[begun + seen[0]][3] - when[begun]) if seen.size else math.inf,
-        'false_touches': int((touching[pushes.max(axis=1) == 0.0] > 0).sum()),
+        'false_touches': int((touching > (pushes > 0.0).sum(axis=1)).sum()),
     }
 
 

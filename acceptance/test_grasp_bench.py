@@ -16,11 +16,15 @@ FRAMES = np.arange(0.0, bench.OPEN + bench.CLOSING + bench.HELD, 1.0 / bench.FRA
 BEGUN = bench.OPEN + 0.5 * bench.CLOSING
 
 
-def numbers(touching):
-    """Return what is judged of right forces and widths, and of touches (fingers) at a time."""
+def numbers(touching, first=BEGUN):
+    """Return what is judged of right forces and widths, and of touches (fingers) at a time.
+
+    first: when the first finger touches.
+    """
     rows = []
     for when in FRAMES.tolist():
         force = np.full(bench.FINGERS, 0.1 if when >= BEGUN else 0.0)
+        force[0] = 0.1 if when >= first else 0.0
         said = SimpleNamespace(width=0.04, force=float(force.sum()), touching=touching(when))
         rows.append((when, np.stack([force, force]), said, when + bench.LATE))
     return bench.judged(0.04, rows)
@@ -36,6 +40,8 @@ def test_touches_count_from_when_they_begin():
     late = numbers(lambda when: bench.FINGERS * (when >= BEGUN + 0.2))
     assert missed(late) == {'seen_after_ms'}
     assert missed(numbers(lambda when: bench.FINGERS)) == {'false_touches'}
+    before = numbers(lambda when: bench.FINGERS * (when >= BEGUN - 0.5), first=BEGUN - 0.5)
+    assert missed(before) == {'false_touches'}
     never = numbers(lambda when: 0)
     assert never['seen_after_ms'] == math.inf and math.isnan(never['closing_width_mm'])
     assert missed(never) == {'seen_after_ms'}
