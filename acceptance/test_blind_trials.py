@@ -116,7 +116,7 @@ def test_one_effect_is_scored_by_its_first_name_by_the_set_and_by_its_size():
     assert counts == {
         'first_right': (2, 4),
         'first_or_alike': (2, 4),
-        'wrong': (1, 4),
+        'wrong': (1, 5),
         'within': (3, 4),
         'size_covered': (1, 1),
     }
@@ -129,8 +129,10 @@ def test_inertia_is_no_false_name_where_the_arm_has_mass():
     both = answer('named', ['camera_rotation', 'inertia'], of='camera_rotation')
     found = summary_of([(truth('moving_single', ROTATED), both)])['moving_single']
     assert (found['alone']['count'], found['wrong']['count']) == (1, 0)
-    pairs = [(truth('moving_nothing', {}), answer('named', ['inertia']))]
-    assert summary_of(pairs)['moving_nothing']['any_name']['count'] == 0
+    said = {'inertia': {'observable': True}}
+    pairs = [(truth('moving_nothing', {}), answer('named', ['inertia'], detectable=said))]
+    name = summary_of(pairs)['moving_nothing']['any_name']
+    assert (name['count'], name['of']) == (0, 1)
 
 
 def test_the_other_blocks():
@@ -139,15 +141,17 @@ def test_the_other_blocks():
     seen = [{'effects': [name], 'chi_squared': 99.0} for name in names]
     little = {'parameter': 'axial_stiffness', 'observable': False, 'smallest': 9.0, 'unit': 'N'}
     small = {'extensibility': {'axial_stiffness': 40.0}}
+    settled = {'detectable': {'extensibility': little}}
     found = summary_of(
         [
-            (truth('nothing'), answer('none')),
-            (truth('nothing'), answer('named', ['creep'])),
+            (truth('nothing'), answer('none', **settled)),
+            (truth('nothing'), answer('named', ['creep'], **settled)),
+            (truth('nothing'), answer('failed', failed='refused')),
             (truth('pairs', both), answer('named', names[::-1], evidence=seen)),
             (truth('pairs', both), answer('named', ['gravity'], evidence=seen)),
             (truth('confusable', both), answer('named', names)),
-            (truth('outside', {}, {'touching_peg': {}}), answer('unknown')),
-            (truth('outside', {}, {'touching_peg': {}}), answer('named', ['gravity'])),
+            (truth('outside', {}, {'touching_peg': {}}), answer('unknown', **settled)),
+            (truth('outside', {}, {'touching_peg': {}}), answer('named', ['gravity'], **settled)),
             (
                 truth('unobservable', small),
                 answer('none', detectable={'extensibility': little | {'observable': True}}),
@@ -162,7 +166,8 @@ def test_the_other_blocks():
             ),
         ]
     )
-    assert found['nothing']['any_name']['share'] == 0.5
+    assert found['nothing']['any_name']['share'] == 0.5  # of those that came to an end
+    assert (found['nothing']['none']['count'], found['nothing']['none']['of']) == (1, 3)
     assert found['pairs']['both_right']['share'] == 0.5
     assert found['confusable']['right']['share'] == 1.0
     assert found['outside']['unknown']['share'] == found['outside']['false_name']['share'] == 0.5
@@ -191,6 +196,18 @@ def test_a_diagnosis_that_does_not_settle_misses_an_effect_that_counts():
     found = summary_of(pairs)
     assert (found['single']['alone']['count'], found['single']['alone']['of']) == (1, 3)
     assert found['single']['faint_wrong']['of'] == 0
+
+
+def test_what_shows_is_not_for_the_diagnosis_to_say():
+    creep = {'creep': {'amplitude': 0.1}}
+    blind = answer('none', detectable={'creep': {'observable': False, 'smallest': None}})
+    stuck = answer('none', of='creep', chi_squared=3.0)
+    lost = answer('named', ['gravity'], of='creep', chi_squared=3.0)
+    for signal, count in ((5000.0, 3), (24.0, 0)):
+        hidden = truth('rated_single', creep) | {'shown_apart': {'signal': signal}}
+        found = summary_of([(hidden, said) for said in (blind, stuck, lost)])['rated_single']
+        assert (found['alone']['count'], found['alone']['of']) == (0, count)
+        assert (found['wrong']['count'], found['wrong']['of']) == (1, 3)
 
 
 def test_of_several_effects_each_must_show_beside_the_others():

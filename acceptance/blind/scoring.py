@@ -74,14 +74,17 @@ def exactly(truth: Row, answer: Row) -> bool:
 
 
 def detectable(truth: Row, answer: Row, name: str) -> bool:
-    """Whether a hidden effect shows: the fit is better by SEEN with it.
+    """Whether a hidden effect shows: by the truth of the lab it is worth SEEN to a fit.
 
-    Alone; beside the others where several are hidden, as one of them may explain what another
-    does. Without that number: whether it is as large as the smallest that the diagnosis could see.
-    Where the diagnosis did not settle, it counts as one that shows: no failure hides itself.
+    Without that number the fit of the diagnosis has to be better by SEEN with it: alone; beside
+    the others where several are hidden, as one of them may explain what another does. Without that
+    one either: whether it is as large as the smallest that the diagnosis could see. Where the
+    diagnosis did not settle, it counts as one that shows: no failure hides itself.
     """
     if name in truth.get('shown_beside', ()):
         return bool(truth['shown_beside'][name] >= SEEN)
+    if 'signal' in truth.get('shown_apart', ()):  # of the one effect that is hidden
+        return bool(truth['shown_apart']['signal'] >= SEEN)
     for evidence in answer['evidence']:
         if evidence['effects'] == [name]:
             return bool(evidence['chi_squared'] >= SEEN)

@@ -27,9 +27,10 @@ from blind.trials import MOVING_PREFIX
 
 TARGETS = (
     ('nothing', 'any_name', 'any name, nothing hidden', '<= 3 of 300'),
+    ('nothing', 'none', '    says so', ''),
     ('single', 'first_right', 'one effect, detectable: right name first', '>= 0.95'),
     ('single', 'first_or_alike', '    first, or not to be told from it', ''),
-    ('single', 'wrong', '    wrong name', '<= 0.01'),
+    ('single', 'wrong', '    wrong name, of faint ones too', '<= 0.01'),
     ('single', 'within', '    in the set', '>= 0.99'),
     ('single', 'size_covered', '    95 % interval covers its size', '0.92 to 0.98'),
     ('single', 'size_error', '    median error of its size', '<= 0.05'),
@@ -42,17 +43,19 @@ TARGETS = (
     ('newer', 'wrong', '    wrong name', ''),
     ('unobservable', 'says_so', 'not observable: says so', '>= 0.98'),
     ('rated_nothing', 'any_name', '5 to 50 Hz, nothing hidden: any name', '<= 2 of 200'),
+    ('rated_nothing', 'none', '    says so', ''),
     ('rare_readings', 'unknown', 'read at 2 Hz, nothing hidden: unknown', '<= 1 of 10'),
     ('rated_single', 'alone', '    one effect: right name alone', '>= 0.95'),
     ('rated_single', 'alone_apart', '        of those that no other effect explains', '>= 0.95'),
     ('rated_single', 'honest', '    right name alone, or not to be told from it', ''),
     ('rated_single', 'companion', '    right name and a false one', '<= 0.02'),
-    ('rated_single', 'wrong', '    wrong name', ''),
+    ('rated_single', 'wrong', '    wrong name, of faint ones too', ''),
     ('rated_single', 'size_covered', '    95 % interval covers its size', '0.92 to 0.98'),
     ('rated_pairs', 'both_right', '    two effects: both right', '>= 0.85'),
     ('moving_nothing', 'any_name', 'an arm with mass, nothing else hidden: any other name', ''),
+    ('moving_nothing', 'none', '    says so', ''),
     ('moving_single', 'alone', '    one effect: right name alone', ''),
-    ('moving_single', 'wrong', '    wrong name', ''),
+    ('moving_single', 'wrong', '    wrong name, of faint ones too', ''),
     ('moving_pairs', 'both_right', '    two effects: both right', ''),
     ('moving_outside', 'false_name', '    outside the library: false name', ''),
 )
@@ -98,9 +101,10 @@ def beside_inertia(truth: Row, answer: Row) -> Row:
 
 
 def nothing(pairs: Sequence[Pair]) -> Row:
-    """Score trials in which nothing is hidden."""
+    """Score trials in which nothing is hidden; names of those that settled."""
     return {
-        'any_name': rate(bool(claims(answer)) for _, answer in pairs),
+        'any_name': rate(bool(claims(answer)) for _, answer in pairs if settled(answer)),
+        'none': rate(answer['answer'] == 'none' for _, answer in pairs),
         'unknown': rate(answer['answer'] == 'unknown' for _, answer in pairs),
     }
 
@@ -114,6 +118,7 @@ def single(pairs: Sequence[Pair]) -> Row:
     for pair in shown:
         by_effect.setdefault(next(iter(pair[0]['effects'])), []).append(pair)
     return right_names(shown) | {
+        'wrong': rate(wrong(*pair) for pair in pairs),  # also of those that are faint
         'alone_apart': rate(exactly(*pair) for pair in alone),
         'honest': rate(within(*pair) and not wrong(*pair) for pair in shown),
         'faint_wrong': rate(wrong(*pair) for pair in faint),
@@ -164,7 +169,7 @@ def outside(pairs: Sequence[Pair]) -> Row:
     """Score trials with something that the library does not have."""
     return {
         'unknown': rate(answer['answer'] == 'unknown' for _, answer in pairs),
-        'false_name': rate(bool(claims(answer)) for _, answer in pairs),
+        'false_name': rate(bool(claims(answer)) for _, answer in pairs if settled(answer)),
         'none': rate(answer['answer'] == 'none' for _, answer in pairs),
     }
 
