@@ -145,7 +145,7 @@ def outcome(row: Row, name: str) -> str:
     truth, answer = row['truth'], row[name]
     if row['block'] == 'static':
         nothing = not truth['strain'] and answer['score'] == 'unobservable'
-        return 'right' if nothing else str(answer['score'])
+        return 'right' if nothing or answer['score'] == 'inseparable' else str(answer['score'])
     hidden = set(truth['effects'])
     if not hidden:
         if claims(answer):

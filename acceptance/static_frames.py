@@ -40,6 +40,9 @@ WANTED = 'pressure_elongation'
 IN_TIME = {'pressure_lag', 'hysteresis', 'creep', 'softening', 'camera_delay'}
 SECOND = 1_000_000_000  # ns
 STATIONS = 2001  # of the integral along the arm
+SCORES = (
+    'right', 'inseparable', 'too faint', 'unobservable', 'unknown', 'missed', 'false name', 'time',
+)  # fmt: skip
 UNEVEN = 0.15  # of the curvature, one sigma of the linear part along the arm
 
 
@@ -81,13 +84,17 @@ class Found:
 
     @property
     def score(self) -> str:
-        """`right`, `too faint`, `unobservable`, `unknown`, `missed`, `false name` or `time`."""
+        """Return what the answer is worth, one of SCORES.
+
+        inseparable: the elongation is among the names that stand for the first effect.
+        """
         first, companions = {*self.effects[:1], *self.alternatives}, {*self.effects[1:]}
         if (first | companions) & IN_TIME:
             return 'time'
         if first:
-            right = self.strain and WANTED in first and not companions
-            return 'right' if right else 'false name'
+            if not self.strain or WANTED not in first or companions:
+                return 'false name'
+            return 'right' if first == {WANTED} else 'inseparable'
         if self.answer == 'none' and self.strain:
             return 'missed' if self.visible else 'too faint'
         if self.answer == 'none':
@@ -206,13 +213,12 @@ def summary(found: list[Found]) -> dict[str, dict[str, int]]:
 def show(found: list[Found]) -> None:
     """Print the counts and every set that was not right."""
     console = Console(width=110, highlight=False)
-    scores = ('right', 'too faint', 'unobservable', 'unknown', 'missed', 'false name', 'time')
     table = Table(title='few static frames of clamp and tip')
     table.add_column('hidden')
-    for name in scores:
+    for name in SCORES:
         table.add_column(name, justify='right')
     for kind, count in summary(found).items():
-        table.add_row(kind, *(str(count.get(name, 0)) for name in scores))
+        table.add_row(kind, *(str(count.get(name, 0)) for name in SCORES))
     console.print(table)
     for item in found:
         if item.score in ('missed', 'false name', 'time'):

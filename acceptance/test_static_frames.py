@@ -44,8 +44,9 @@ def test_a_set_is_what_it_says():
     ('score', 'changes'),
     [
         ('right', {}),
-        ('right', {'answer': 'inseparable', 'effects': ('gravity',),
-                   'alternatives': ('pressure_elongation',)}),
+        ('inseparable', {'answer': 'inseparable', 'effects': ('gravity',),
+                         'alternatives': ('pressure_elongation',)}),
+        ('inseparable', {'answer': 'inseparable', 'alternatives': ('gravity',)}),
         ('right', {'strain': 0.0, 'answer': 'none', 'effects': ()}),
         ('missed', {'answer': 'none', 'effects': ()}),
         ('too faint', {'answer': 'none', 'effects': (), 'visible': False}),
