@@ -13,7 +13,7 @@ LIVE_SECONDS ?=
 # One more than there are cores, as tests of nodes wait; more than four only fight for the DDS.
 WORKERS := $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 4 ] && echo $$((n + 1)) || echo 4)
 PYTEST_FLAGS := -n $(WORKERS) --dist worksteal
-BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py fusion_latency.py tracker.py tracker_live.py centerline.py))
+BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py fusion_latency.py fusion_step.py tracker.py tracker_live.py centerline.py))
 
 # A sourced ROS, or the environment of another Python, must not leak into ours.
 ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
