@@ -120,7 +120,7 @@ REASONS: Mapping[str, str] = MappingProxyType({
     'no_estimate': 'no reading gives an estimate',
     'no_gravity': 'the direction of gravity is not known',
     'no_gravity_frame': 'no transform says where gravity points',
-    'no_imu': 'no message of the IMU has come',
+    'no_imu': 'no usable message of the IMU has come',
     'no_rotation': 'a transform has no rotation',
     'no_stamp': 'a message has no header stamp',
     'no_uncertainty': 'the uncertainty cannot be computed',

@@ -45,28 +45,27 @@ class GravityReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseGravity:
-    """State of gravity at the base: frames, the last usable reading, and why the last one was not.
+    """State of gravity at the base: frames, and the last usable reading.
 
-    earlier: the usable reading before; trouble: why the last reading of base_imu could not be
-    used, None if it could.
+    earlier: the usable reading before; published: whether base_imu was ever received.
     """
 
     frames: FrameTree = field(default_factory=FrameTree)
     reading: GravityReading | None = None
     earlier: GravityReading | None = None
-    trouble: Refusal | None = None
+    published: bool = False
 
     def fresh(self) -> BaseGravity:
-        """Forget everything but static frames, which are published only once."""
-        return BaseGravity(frames=self.frames.only_fixed())
+        """Forget all readings, but neither static frames nor that there is an accelerometer."""
+        return BaseGravity(frames=self.frames.only_fixed(), published=self.published)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GravitySource:
     """Source of the direction of gravity; settings: meaning of readings; gravity of the arm.
 
-    frame: a tf frame whose z axis points up; empty: use `base_imu`, which is required if the model
-    does not state the direction, and ignored if the direction is fixed.
+    frame: a tf frame whose z axis points up; empty: use `base_imu`, which is required once it was
+    received or if the model does not state the direction, and ignored if the direction is fixed.
     """
 
     settings: EstimatorSettings
@@ -93,10 +92,10 @@ class GravitySource:
         refusal, found = self.unfit(known, reading), None
         if refusal is None:
             found, refusal = self.gravity_of(known.frames, reading)
+        known = replace(known, published=True)
         if found is None:
-            ends = refusal is not None and refusal.error
-            return replace(known, trouble=refusal if ends else known.trouble), refusal
-        return replace(known, reading=found, earlier=known.reading, trouble=None), None
+            return known, refusal
+        return replace(known, reading=found, earlier=known.reading), None
 
     def take_frames(
         self, known: BaseGravity, readings: tuple[FrameReading, ...]
@@ -176,22 +175,17 @@ class GravitySource:
             return self.by_frame(known, stamp_ns)
         if not self.uses_imu:
             return None, None
-        trouble = known.trouble
         if known.reading is None:
-            if trouble is not None:
-                return None, replace(trouble, stamp_ns=stamp_ns)
-            if not self.gravity.is_measured:
+            if not known.published and not self.gravity.is_measured:
                 return None, None
             sentence = (
-                'no base_imu received, but the model takes the direction of gravity from it: '
+                'no usable base_imu received, from which the direction of gravity is taken: '
                 'publish it, or set the direction (parameter gravity, --gravity)'
             )
             return None, refuse(stamp_ns, 'no_imu', sentence, awaits_others=True)
         age = seconds_between(known.reading.stamp_ns, stamp_ns)
         if age <= self.settings.gravity_timeout:
             return known.reading.direction, None
-        if trouble is not None:
-            return None, replace(trouble, stamp_ns=stamp_ns)
         return None, refuse(stamp_ns, 'stale_imu', self.stale('base_imu', age))
 
     def turn_rate_at(self, known: BaseGravity, stamp_ns: int) -> float:

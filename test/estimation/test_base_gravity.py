@@ -169,18 +169,21 @@ def test_a_frame_whose_z_points_up_is_followed():
 def test_an_imu_that_means_something_else_stops_estimates_with_its_reason(reading, reason):
     state, outcomes = run(estimator(), reading, pressure(2))
     assert isinstance(outcomes[0], Refusal)
-    assert [one.reason for one in outcomes] == [reason] * 2
-    assert state.rejected == {reason: 2}
+    assert [one.reason for one in outcomes] == [reason, 'no_imu']
+    assert state.rejected == {reason: 1, 'no_imu': 1}
     # Whoever says where gravity points does without.
     fixed = replace(estimator().arm, gravity=gravity_of([0.0, -1.0], fixed=True))
     of = Estimator(arm=fixed, settings=EstimatorSettings(wrench_required=False))
     assert isinstance(last(of, reading, pressure(2)), ShapeEstimate)
 
 
+NAN = float('nan')
+
+
 @pytest.mark.parametrize(
     ('bad', 'reason'),
     [
-        (imu(0.0, float('nan'), 0.0, at=2), 'not_finite'),
+        (imu(0.0, NAN, 0.0, at=2), 'not_finite'),
         (imu(0.0, G, 0.0, at=1), 'duplicate'),
         (imu(0.0, G, 0.0, at=0), 'no_stamp'),
     ],
@@ -190,6 +193,30 @@ def test_a_bad_reading_alone_is_left_out(bad, reason):
     assert outcomes[1].reason == reason
     assert not outcomes[1].error
     assert outcomes[2].gravity == pytest.approx((0.0, -1.0))
+
+
+@pytest.mark.parametrize('bad', [imu(0.0, NAN, 0.0), imu(0.0, G, 0.0, at=0)])
+def test_an_imu_that_was_never_usable_is_not_replaced_by_the_model(bad):
+    _, outcomes = run(estimator(), bad, pressure(2), imu(0.0, G, 0.0, at=3), pressure(4))
+    assert (outcomes[1].reason, outcomes[1].error) == ('no_imu', True)
+    assert outcomes[3].gravity == pytest.approx((0.0, -1.0))
+
+
+def test_after_a_reset_an_imu_is_awaited_rather_than_replaced_by_the_model():
+    # The pressure of the second lap of a bag comes before the first Imu of it.
+    readings = imu(0.0, G, 0.0, at=5000), pressure(5001), pressure(2)
+    state, outcomes = run(estimator(), *readings)
+    assert state.resets == 1
+    assert outcomes[-1].reason == 'no_imu'
+    _, again = run(estimator(), *readings, imu(0.0, G, 0.0, at=3), pressure(4))
+    assert again[-1].gravity == pytest.approx((0.0, -1.0))
+    # Where there was none, none is awaited.
+    assert isinstance(last(estimator(), pressure(5001), pressure(2)), ShapeEstimate)
+
+
+def test_what_was_wrong_with_an_imu_is_not_said_of_its_silence():
+    _, outcomes = run(estimator(), imu(0.0, G, 0.0), imu(0.0, 1.0, 0.0, at=2), pressure(900))
+    assert [one.reason for one in outcomes[1:]] == ['imu_unit', 'stale_imu']
 
 
 def test_an_imu_that_falls_silent_or_never_speaks():
