@@ -24,8 +24,9 @@ class TrackerHealth(InputHealth):
     def __init__(self, image_topic: str, now: float, straight: bool = True) -> None:
         super().__init__(f'image on {image_topic}', now)
         self._straight = straight
-        self._image_topic = image_topic
         self._last: Tracking | None = None
+        # Level and sentences of the last period with frames: a camera may be slower than reports.
+        self._frames = Level.OK, [f'waiting for images on {image_topic}']
         self.begin_next(now)
 
     def begin_next(self, now: float) -> None:
@@ -55,28 +56,34 @@ class TrackerHealth(InputHealth):
         return Report(level=level, message=message, values=values)
 
     def _verdict(self, now: float) -> tuple[Level, str]:
-        errors, warnings = self.problems()
+        errors, dropped = self.problems()
+        if self._results:
+            self._frames = self._judge_frames(now)
         if self.silence(now) > IMAGE_TIMEOUT:
-            # Recent refusals are the likely cause.
-            return Level.ERROR, '; '.join([self.silence_sentence(now), *errors, *warnings])
+            errors.insert(0, self.silence_sentence(now))
         if errors:
-            return Level.ERROR, '; '.join(errors)
-        unexplained = self._results - self._explained
+            return Level.ERROR, '; '.join([*errors, *dropped])
+        level, sentences = self._frames
+        if dropped and level is Level.OK:
+            return Level.WARN, '; '.join(dropped)
+        return level, '; '.join([*dropped, *sentences])
+
+    def _judge_frames(self, now: float) -> tuple[Level, list[str]]:
+        """Return level and sentences of the frames since the last report."""
+        unexplained, sentences = self._results - self._explained, list[str]()
         if unexplained:
-            warnings.append(
+            sentences.append(
                 f'{unexplained} of {self._results} frames not tracked: '
                 + '; '.join(self._sentences.values())
             )
-        if unexplained == self._results > 0 and set(self._sentences) != {RESTING}:
-            return Level.ERROR, '; '.join(warnings)
+        if unexplained == self._results and set(self._sentences) != {RESTING}:
+            return Level.ERROR, sentences
         if self._missing:
             ids = ', '.join(str(target) for target in sorted(self._missing))
-            warnings.append(f'targets not seen in every frame: {ids}')
-        if warnings:
-            return Level.WARN, '; '.join(warnings)
-        if self._last is None:
-            return Level.OK, f'waiting for images on {self._image_topic}'
-        return Level.OK, f'tracking at {self.rate(now):.3g} Hz'
+            sentences.append(f'targets not seen in every frame: {ids}')
+        if sentences:
+            return Level.WARN, sentences
+        return Level.OK, [f'tracking at {self.rate(now):.3g} Hz']
 
     def _values(self, state: TrackerState, now: float) -> dict[str, str]:
         last = self._last
