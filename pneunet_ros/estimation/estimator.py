@@ -332,9 +332,9 @@ class Estimator:
             )
             if not self.settings.wrench_required:
                 return unloaded, None, None
-            sentence = 'no end wrench received; set wrench_required to false if there is no load'
-            if 'wrong_frame' in state.rejected:
-                sentence = 'all end wrenches are in an unknown frame: set wrench_frame'
+            sentence = (
+                'no usable end wrench received; set wrench_required to false if there is no load'
+            )
             refusal = refuse(stamp_ns, 'no_wrench', sentence, awaits_others=True)
             return unloaded, None, refusal
         age = seconds_since(state.wrench.stamp_ns, stamp_ns)
@@ -342,7 +342,7 @@ class Estimator:
             return state.wrench, age, None
         side = 'older' if age > 0.0 else 'newer'
         sentence = (
-            f'the end wrench is {abs(age):.3g} s {side} than the pressure, more than '
+            f'the last usable end wrench is {abs(age):.3g} s {side} than the pressure, more than '
             f'wrench_timeout = {self.settings.wrench_timeout:.3g} s'
         )
         return state.wrench, age, refuse(stamp_ns, 'stale_wrench', sentence)

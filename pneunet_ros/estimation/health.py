@@ -42,6 +42,8 @@ class EstimatorHealth(InputHealth):
             self._warnings.update(dict.fromkeys(outcome.warnings))
             if outcome.motion is not None:
                 self._settled.append(outcome.motion.settled)
+        elif outcome.error:
+            self._estimate = None
 
     def record_wrench(self, refusal: Refusal | None, now: float) -> None:
         """Record the outcome of a wrench reading."""
@@ -76,6 +78,8 @@ class EstimatorHealth(InputHealth):
         """
         found = self.disagreement(settings, consistency, now)
         level, message = self._verdict(settings.input_timeout, now, found)
+        if self.silence(now) > settings.input_timeout:
+            self._estimate = None
         offset = {
             'pressure_offset_pa': f'{settings.pressure_offset:.6g}',
             'std_leaves_out': left_out,
@@ -95,7 +99,7 @@ class EstimatorHealth(InputHealth):
             # A refusal since the last report is the likely cause; older errors were reported.
             return Level.ERROR, '; '.join([self.silence_sentence(now), *dropped])
         if errors:
-            return Level.ERROR, '; '.join(errors)
+            return Level.ERROR, '; '.join([*errors, *dropped])
         warnings = [*dropped, *self._warnings]
         if found is not None and found.beyond:
             warnings.append(found.sentence)

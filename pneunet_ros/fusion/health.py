@@ -41,9 +41,10 @@ class FusionHealth(InputHealth):
 
         solve_time: None in a replay.
         """
-        if not isinstance(outcome, Refusal):
-            self._at[sensor] = now
-        elif outcome.error:
+        stopped = isinstance(outcome, Refusal) and outcome.error
+        if not isinstance(outcome, Refusal) or (stopped and sensor == 'pressure'):
+            self._at[sensor] = now  # a pressure is usable even if another input stops estimates
+        if stopped:
             self._estimate = None
         if isinstance(outcome, (FusedEstimate, Refusal)):
             self.take(outcome, now)
@@ -84,7 +85,7 @@ class FusionHealth(InputHealth):
             # A refusal since the last report is the likely cause; older errors were reported.
             return Level.ERROR, '; '.join([self.silence_sentence(now), *dropped])
         if errors:
-            return Level.ERROR, '; '.join([*errors, *beyond])
+            return Level.ERROR, '; '.join([*errors, *dropped, *beyond])
         warnings = [*dropped, *self._warnings, *beyond]
         if self._lacks_force():
             warnings.append(NO_LONGER_READ)

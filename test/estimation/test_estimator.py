@@ -256,6 +256,12 @@ def test_a_jump_back_in_time_forgets_the_wrench():
     assert state.wrench is None
 
 
+def test_a_wrench_in_an_unknown_frame_long_ago_is_not_why_there_is_none():
+    wrong = wrench(9, frame='tool0')
+    _, (*_, refusal) = fed(PLAIN, wrong, wrench(10), pressure(10), pressure(8))
+    assert refusal.sentence == last(PLAIN, pressure(8)).sentence
+
+
 def test_a_jump_back_in_time_is_noted_and_the_lag_starts_in_equilibrium():
     arm = replace(ARM, effects=(EFFECTS['pressure_lag'](time_constant=0.5),))
     _, (_, behind, fresh) = fed(

@@ -153,6 +153,18 @@ def test_a_force_sensor_that_is_no_longer_read_is_said():
     assert levels == [Level.OK, Level.OK, Level.WARN, Level.WARN]
 
 
+def test_an_error_names_the_messages_dropped_meanwhile():
+    health = FusionHealth('/p/pressure', '/p/targets', 100.0)
+    dropped = Refusal(stamp_ns=1, reason='wrong_frame', sentence='other frame', error=False)
+    unknown = Refusal(stamp_ns=1, reason='too_uncertain', sentence='no frame', error=True)
+    health.record('targets', dropped, 100.1, 0.001)
+    health.record('pressure', unknown, 100.2, 0.001)
+    report = health.report(FusionState(), FUSION, 100.7)
+    assert (report.level, report.message) == (Level.ERROR, 'no frame; other frame')
+    # The pressure was usable; a frame that gives no estimate is not.
+    assert (report.values['pressure_age_s'], report.values['targets_age_s']) == ('0.5', '')
+
+
 def test_silence_is_an_error_and_what_belongs_to_an_estimate_is_empty():
     report = report_of(fused(), now=101.0)
     assert report.level == Level.ERROR

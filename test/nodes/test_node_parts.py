@@ -168,6 +168,32 @@ def test_health_is_an_error_until_there_are_estimates_again():
     assert health.report(state, settings, 105.0).level == Level.ERROR
 
 
+def test_an_error_names_the_messages_dropped_meanwhile():
+    health, image = EstimatorHealth('/pressure', 100.0), TrackerHealth('/image', 100.0)
+    dropped = Refusal(stamp_ns=1, reason='no_stamp', sentence='no stamp', error=False)
+    health.record_wrench(dropped, 100.1)
+    health.record_pressure(error_at(), 100.2, 0.001)
+    report = health.report(EstimatorState(), EstimatorSettings(), 100.3)
+    assert (report.level, report.message) == (Level.ERROR, 'no wrench; no stamp')
+    image.record_image(error_at(), 100.1)
+    image.record_image(dropped, 100.2)
+    assert image.report(TrackerState(), 100.3).message == 'no wrench; no stamp'
+
+
+def test_values_of_an_estimate_are_empty_without_estimates():
+    health, estimate = EstimatorHealth('/pressure', 100.0), random_estimate()
+
+    def residual(now):
+        return health.report(EstimatorState(), EstimatorSettings(), now).values['residual_rad']
+
+    health.record_pressure(estimate, 100.1, 0.001)
+    assert residual(100.2) == f'{estimate.shape.residual:.4g}'
+    health.record_pressure(error_at(), 100.3, 0.001)
+    assert residual(100.4) == ''
+    health.record_pressure(estimate, 100.5, 0.001)
+    assert residual(101.2) == ''  # silence
+
+
 def test_pressure_that_cannot_be_used_is_silence():
     health = EstimatorHealth('/pressure', 100.0)
     dropped = Refusal(stamp_ns=1, reason='not_finite', sentence='holds NaN', error=False)
@@ -197,6 +223,7 @@ def test_the_tracker_is_well_while_all_targets_are_seen():
     # A slow camera is no silent one.
     report = health.report(state, 103.0)
     assert (report.level, report.values['rate_hz']) == (Level.OK, '0')
+    assert report.message == 'tracking at 30 Hz'
     report = health.report(state, 104.0)
     assert (report.level, report.values['image_age_s']) == (Level.ERROR, '2.5')
 
@@ -220,8 +247,9 @@ def test_the_tracker_is_an_error_while_nothing_is_explained():
     assert health.report(state, 101.0).level == Level.WARN
     frames(health, 3, 101.1, reason='no_row')
     assert health.report(state, 102.0).level == Level.ERROR
-    frames(health, 3, 102.1, reason='resting')
-    assert health.report(state, 103.0).level == Level.WARN
+    assert health.report(state, 103.0).level == Level.ERROR  # no frame since
+    frames(health, 3, 103.1, reason='resting')
+    assert health.report(state, 104.0).level == Level.WARN
 
 
 def test_the_bow_of_an_arm_that_is_curved_at_rest_is_no_error():
