@@ -119,7 +119,8 @@ def estimate_at(
         return state.answered(), refusal
     notes = [*notes, *setup_problems(model, state)]
     wrench_age = None if used is None else used.age
-    estimate = shape_estimate(model, arm, stamp_ns, mode, wrench_age, notes)
+    age = state.target_age(stamp_ns)
+    estimate = shape_estimate(model, arm, stamp_ns, mode, wrench_age, age, notes)
     if isinstance(estimate, Refusal):
         return state.answered(), estimate
     for odds, other in likely_alternatives(every, state, arm, instant):
@@ -146,7 +147,7 @@ def estimate_at(
         ambiguous=ambiguous,
         nis=math.nan if state.nis is None else state.nis.mean,
         nis_limit=math.nan if state.nis is None else state.nis.limit,
-        target_age=state.target_age(stamp_ns),
+        target_age=age,
     )
     return replace(state.answered().count_estimate(), solution=arm.bent.solution), fused
 
@@ -305,9 +306,13 @@ def shape_estimate(
     stamp_ns: int,
     mode: Mode,
     wrench_age: float | None,
+    target_age: float | None,
     notes: list[str],
 ) -> ShapeEstimate | Refusal:
-    """Return the shape with its errors from the belief, to second order."""
+    """Return the shape with its errors from the belief, to second order.
+
+    wrench_age, target_age (s): age of the last wrench and of the last frame that were used.
+    """
     bent, position = arm.bent, arm.position
     sensitivity = bent.linearize()
     causes = causes_with_contact(model.unknowns, arm.causes, bent.contact)
@@ -328,15 +333,21 @@ def shape_estimate(
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
         within_limit = largest <= model.settings.largest_tip_std
     if errors is None or not within_limit:
-        known = f'{1e3 * largest:.3g} mm'
+        known, reason = f'{1e3 * largest:.3g} mm', ''
         if largest > model.arm.length:
             known = 'more than the length of the arm'
+        if mode is Mode.PREDICTION:
+            reason = ': no frame of targets has been used yet'
+            if target_age is not None:
+                reason = (
+                    f': the last frame used is {target_age:.3g} s away from the pressure, '
+                    f'more than target_timeout = {model.settings.target_timeout:.3g} s'
+                )
         return refuse(
             stamp_ns,
             'too_uncertain',
             f'the tip uncertainty is {known}, but largest_tip_std allows only '
-            f'{1000.0 * model.settings.largest_tip_std:.3g} mm'
-            + (': no frame of targets was used recently' if mode is Mode.PREDICTION else ''),
+            f'{1000.0 * model.settings.largest_tip_std:.3g} mm{reason}',
             awaits_others=True,
         )
     return estimate_of(

@@ -200,6 +200,18 @@ def test_a_pressure_that_arrives_after_a_later_frame_is_not_the_pressure_of_that
     assert len(state.pressures) == 5  # what came late is the past of what follows
 
 
+def test_without_a_recent_frame_the_age_of_the_last_one_used_is_said(fusion):
+    """Of a camera whose clock is behind, all frames are used, and none is recent."""
+    strict = replace(fusion, settings=replace(fusion.settings, largest_tip_std=1e-5))
+    pressures = [pressure(stamp_ms) for stamp_ms in range(1000, 2100, 100)]
+    state, outcomes = run(strict, *pressures, *(frame(fusion, one) for one in (1000, 1200)))
+    assert (outcomes[-3].reason, state.counts.frames) == ('too_uncertain', 2)
+    assert ' s away' not in outcomes[-3].sentence
+    _, late = strict.step(state, pressure(2100))
+    assert late.reason == 'too_uncertain'
+    assert ' 0.9 s away' in late.sentence
+
+
 def test_a_frame_stamped_ahead_costs_none_that_follow(fusion):
     late = Fusion(arm=replace(fusion.arm, effects=(CameraDelay(delay=0.15),)))
     events = []
