@@ -18,8 +18,9 @@ from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.topics import POLICIES, subscription
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
-# A tenth of a second at 60 Hz: a node that had to wait catches up. Where images come faster than
-# they can be looked at, the oldest are dropped, and what is published is not older than that.
+# A tenth of a second at 60 Hz: a node that had to wait catches up. If images come faster than they
+# are processed, at most this many wait in the node, and as many in the middleware; the oldest are
+# lost.
 DEPTH = 6
 Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
 ANYTHING: Offer = (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)

@@ -82,10 +82,12 @@ def subscription(
     """Create a subscription with QoS of which parameters can override `policies`.
 
     A callback with two parameters (message, info) is called immediately. group: processing order
-    shared with other subscriptions; None: an order of this topic alone.
+    shared with other subscriptions; None: an order of this topic alone, in which no messages are
+    received while others wait, so that the middleware drops the oldest of too many.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
-        group = group_of(node, ArrivalOrder([topic]), topic)
+        order: ArrivalOrder[Any] = ArrivalOrder([topic])
+        group = group_of(node, order, topic, is_full=lambda: order.first_ns is not None)
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     raw = group is not None and group.read is not None
     create = partial(

@@ -292,6 +292,23 @@ def test_what_does_not_fit_is_left_to_the_middleware_which_keeps_the_last(execut
     assert heard == [str(number) for number in range(30 - depth, 30)]
 
 
+def test_messages_that_come_faster_than_they_are_processed_do_not_pile_up(executor, node):
+    waiting = []
+
+    def take(message, info):
+        waiting.append(heard.callback_group.order.backlog('words')[0])
+        for number in range(5):
+            words.publish(String(data=str(number)))
+        time.sleep(0.02)
+
+    heard = subscription(node, STRING, 'words', take, output_qos())
+    words = node.create_publisher(String, 'words', 100)
+    turn_until(executor, node, words.get_subscription_count)
+    words.publish(String(data='first'))
+    turn_until(executor, node, lambda: len(waiting) >= 4 * output_qos().depth)
+    assert max(waiting) <= output_qos().depth
+
+
 def test_what_is_subscribed_to_while_it_runs_is_heard(executor, node):
     heard = []
 
