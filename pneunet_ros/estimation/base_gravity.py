@@ -203,8 +203,13 @@ class GravitySource:
             return BaseMotion()
         seconds = 0.0 if since_ns is None else seconds_between(since_ns, stamp_ns)
         period = 0.0 if earlier is None else seconds_between(earlier.stamp_ns, last.stamp_ns)
+        turn_rate = apparent_rate = self.turn_rate_at(known, stamp_ns)
+        if earlier is not None and period > 0.0:
+            (x, y), (before_x, before_y) = last.direction, earlier.direction
+            apparent_rate = (before_y * x - before_x * y) / period
         return BaseMotion(
-            turn_rate=self.turn_rate_at(known, stamp_ns),
+            turn_rate=turn_rate,
+            apparent_rate=math.nan if math.isfinite(turn_rate) else apparent_rate,
             variance=last.variance,
             lasting=seconds * max(seconds, period),
         )

@@ -61,12 +61,14 @@ MOST_STEPS = 2000  # between two readings: after a longer gap the swing of the a
 class BaseMotion(NamedTuple):
     """Motion of the base of an arm as an IMU on it reads it.
 
-    turn_rate (rad/s), NaN if it is unknown; variance ((m/s^2)^2) of each component of the specific
-    force, 0 = unknown. lasting (s^2): time since the last estimate, times that for which a reading
-    of the force is used.
+    turn_rate (rad/s), NaN if it is unknown: then it may be the apparent_rate, at which gravity
+    turns in the base. variance ((m/s^2)^2) of each component of the specific force, 0 = unknown.
+    lasting (s^2): time since the last estimate, times that for which a reading of the force is
+    used.
     """
 
     turn_rate: float = math.nan
+    apparent_rate: float = math.nan
     variance: float = 0.0
     lasting: float = 0.0
 
@@ -78,13 +80,15 @@ RESTING_BASE = BaseMotion()
 class MovingState:
     """State of the motion at a stamp: the equilibrium as links, and the swing.
 
-    turned (shapes,) 1/s: rate of the equilibrium before the stamp, in units of q.
+    turned (shapes,) 1/s: rate of the equilibrium before the stamp, in units of q. turning: the
+    state if the base turned as gravity does, where its turn rate is unknown.
     """
 
     stamp_ns: int
     links: Links
     swing: Swing
     turned: Array
+    turning: MovingState | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -278,6 +282,19 @@ class MovingArm:
         left_out = LEFT_OUT * math.hypot(*along[:2, -1].tolist(), *swinging.tolist())
         length = self.arm.length
         widen(swing, self.relative, left_out, length, by_reading, along, bent, std, covariance)
+        if state is not None and math.isfinite(base.apparent_rate):
+            resting = replace(state, links=state.links._replace(turn_rate=0.0))
+            before, rate = state.turning or resting, base.apparent_rate
+            turning, there = follow_reading(
+                before, stamp_ns, solved, self.masses, damping_time, self.modes, rate
+            )
+            following = replace(following, turning=turning)
+            off = (there.at_nodes - moving.at_nodes)[:3] @ places.nodes
+            bent_off = (there.at_joints - moving.at_joints)[0] @ places.joints
+            std = np.hypot(std, [off[0], off[1], bent_off])
+            covariance += np.outer(off[:, -1], off[:, -1])
+            error = (turning.swing.state - swing.state).ravel()
+            swing = swing._replace(covariance=swing.covariance + np.outer(error, error))
         motion = MotionEstimate(
             velocity=freeze(moving.velocity),
             settled=is_settled(along[:2, -1], swinging, covariance),
@@ -447,7 +464,11 @@ def go_between(
         turned,
         room_for(SHAPES, LINKS),
     )
-    return MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
+    turning = state.turning
+    if turning is not None:
+        there = after._replace(turn_rate=turning.links.turn_rate)
+        turning = go_between(turning, stamp_ns, there, masses, damping_time, modes)
+    return MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned, turning=turning)
 
 
 def after_gap(

@@ -25,7 +25,7 @@ from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import noiseless, Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.measurement.moving_arm import rates_about
+from pneunet_ros.measurement.moving_arm import go_between, MovingState, rates_about
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.moment_law import LinearLaw
@@ -389,7 +389,8 @@ def test_an_arm_on_a_turning_base_moves_as_one_whose_equilibrium_turns():
 def turned_tips(rates: Sequence[float]) -> list[np.ndarray]:
     """Return how far an estimator is off (m) on a base that MuJoCo turns by 1.6 rad in 1 s.
 
-    rates: by what the angular velocity that the IMU reads is multiplied, NaN: it reads none.
+    Also one sigma of it, both as (2, readings). rates: by what the angular velocity that the IMU
+    reads is multiplied, NaN: it reads none.
     """
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     every = Rates(pressure=100.0, wrench=100.0, frames=100.0, imu=100.0)
@@ -424,19 +425,44 @@ def turned_tips(rates: Sequence[float]) -> list[np.ndarray]:
                 stamp_ns=stamp_ns, pressure=float(recording.pressure[index])
             )
             state, estimate = estimator.step(state, pressure)
-            off.append(np.array(estimate.shape.tip[:2]) - tips[index])
-        found.append(np.hypot(*np.array(off).T))
+            missed = np.hypot(*(np.array(estimate.shape.tip[:2]) - tips[index]))
+            off.append([missed, np.sqrt(np.trace(estimate.tip_covariance[:2, :2]))])
+        found.append(np.array(off).T)
     return found
 
 
 def test_mujoco_bends_alike_on_a_base_that_turns():
     pytest.importorskip('mujoco', reason="no MuJoCo here: pip install '.[mujoco]'")
     read, unread, resting, endless, degrees = turned_tips([1.0, np.nan, 0.0, 1e300, 57.3])
-    assert read.max() < 0.5e-3  # m
-    assert unread.max() > 8e-3
-    assert np.array_equal(unread, resting)
-    assert np.array_equal(unread, endless)
+    assert read[0].max() < 0.5e-3  # m
+    assert unread[0].max() > 8e-3
+    assert np.array_equal(unread[0], resting[0])
+    assert np.array_equal(resting, endless)
     assert np.isfinite(degrees).all()
+    assert np.mean(unread[0] <= 1.96 * unread[1] + read[0].max()) > 0.95
+    assert np.mean(resting[0] <= 1.96 * resting[1] + read[0].max()) < 0.5  # said to be at rest
+    assert unread[1][:20] == pytest.approx(read[1][:20], abs=1e-5)  # before it turns
+
+
+def test_what_gravity_shows_of_a_turn_goes_on_through_loads_between_readings():
+    arm = moving()
+    shape = solve(arm, 20e3)
+    links, masses, modes = links_at(shape.solution), masses_of(arm), vibration(arm, shape, 2)
+    turned = MovingState(
+        stamp_ns=0,
+        links=links._replace(turn_rate=0.7),
+        swing=swing_of([2e-3, 0.0]),
+        turned=np.zeros(2),
+    )
+    state = replace(turned, links=links._replace(turn_rate=np.nan), turning=turned)
+    there, alone = (
+        go_between(one, PERIOD_NS, links._replace(turn_rate=rate), masses, DAMPING_TIME, modes)
+        for one, rate in ((state, np.nan), (turned, 0.7))
+    )
+    assert there.turning is not None
+    assert there.turning.stamp_ns == there.stamp_ns
+    assert np.array_equal(there.turning.swing.state, alone.swing.state)
+    assert not np.array_equal(there.swing.state, alone.swing.state)
 
 
 def test_the_noise_of_an_accelerometer_widens_the_tip_as_it_moves_it():
