@@ -47,6 +47,7 @@ from pneunet_ros.discovery.settings import (
     FINALISTS,
     GRID,
     LAW,
+    LEAST_SHARE,
     LEVEL,
     REFINEMENTS,
     WORTH_A_FIT,
@@ -385,7 +386,7 @@ def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
         found.append(
             f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
         )
-    if finding.share < CONFIRMATION.least_share:
+    if finding.share < LEAST_SHARE:
         found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')
     if base is not fits.first and finding.gain < CONFIRMATION.beside_named * base.record.evidence:
         found.append('it may be a part of the named effect that its law misses')

@@ -19,6 +19,7 @@ HELD = 4  # places at which a constant cause is fitted before its place is free
 LEVEL = 1e-4  # p-value of the law of one half of the recordings in the other half
 FINALISTS = 3  # kinds that are fitted jointly
 WORTH_A_FIT = 0.8  # of the evidence of a name: gain of a law, before any joint fit, to overrule it
+LEAST_SHARE = 0.3  # of what is left, that a law explains
 ROUNDS = 2  # of fitting a law to the residuals of the last one
 
 
@@ -61,9 +62,6 @@ class LawSettings:
 class LawConfirmationSettings:
     """Settings of the tests that a law must pass to be reported."""
 
-    least_share: float = tuning(
-        0.3, 'share of what is left that a law explains at least', source='invented'
-    )
     more_finalists: int = tuning(
         6, 'kinds that are fitted jointly if none of those passes', source='invented'
     )

@@ -45,6 +45,7 @@ from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import (
     MOST_PANELS,
     NEWTON_ITERATIONS,
+    SHORTEST,
     SOLVER,
     SolverSettings,
     TURNED,
@@ -330,8 +331,8 @@ def solve_dead_loads(
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
         return failed_shape(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
-    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > settings.shortest:
-        percent = 100.0 * settings.shortest
+    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > SHORTEST:
+        percent = 100.0 * SHORTEST
         sentence = f'rest strain shortens the arm to less than {percent:g} % of its length'
         return failed_shape(arm, load, arclength, sentence, math.nan, 0)
     if start is not None and is_compiled():
@@ -350,8 +351,8 @@ def solve_dead_loads(
     if missed > settings.turn_per_panel or not np.isfinite(values[THETA]).all():
         reason = 'no equilibrium found: the load is far beyond that of any arm'
         return failed_shape(arm, load, arclength, reason, missed, problem.iterations)
-    if not least_stretch(problem.panels, problem.nodes) >= settings.shortest:
-        percent = 100.0 * settings.shortest
+    if not least_stretch(problem.panels, problem.nodes) >= SHORTEST:
+        percent = 100.0 * SHORTEST
         reason = f'the load shortens the arm to less than {percent:g} % of its length'
         return failed_shape(arm, load, arclength, reason, missed, problem.iterations)
     solution = problem.solution()
@@ -391,7 +392,7 @@ def follow_shape(
         settings.tolerance,
         settings.finest_detail * rods.length,
         settings.coarser,
-        settings.shortest,
+        SHORTEST,
         arclength,
         panels,
         nodes,

@@ -21,6 +21,8 @@ NEWTON_ITERATIONS = 25
 MOST_PANELS = 400  # of a mesh: it ends the halving of panels that rounding keeps from converging
 TURNED = 1e-10  # rad, between a push and the normal of the arm: as exact as ACCEPTED
 FRAME_ITERATIONS = 12  # most steps of Newton's method from a neighbor: else it starts anew
+# No figure of acceptance/sweep.py moves when this is halved or doubled.
+SHORTEST = 0.05  # least stretch that rest strain and load may leave
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +49,6 @@ class SolverSettings:
     )
     coarser: float = tuning(
         32.0, 'detail on half as many panels, at least', unit='detail', source='invented'
-    )
-    shortest: float = tuning(
-        0.05, 'least stretch that rest strain and load may leave', source='invented'
     )
 
 

@@ -11,11 +11,11 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.kernels.jit import inner, kernel
 from pneunet_ros.measurement.errors.noise_jacobian import propagate_covariance
 from pneunet_ros.measurement.errors.second_order import (
-    DEFAULTS,
     KINDS,
     leading_error,
     second_order_factor,
     SecondOrder,
+    STEPS,
 )
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver import columns as col
@@ -91,7 +91,7 @@ def propagate_errors(
         NO_MIXING if sensitivity.mixing is None else sensitivity.mixing,
         response,
         KINDS[sensitivity.stable],
-        np.array(DEFAULTS.steps),
+        np.array(STEPS),
         FRAME_ITERATIONS,
         SOLVER.tolerance,
         frozen_array(at.arclength),
@@ -106,7 +106,7 @@ def propagate_errors(
         return None
     curved = None
     if which != NO_SIDES:
-        curved = SecondOrder(sensitivity=sensitivity, sides=sides, step=DEFAULTS.steps[which])
+        curved = SecondOrder(sensitivity=sensitivity, sides=sides, step=STEPS[which])
     if seen is not None:
         std = std.take(seen.stations, axis=1)
     return PropagatedErrors(

@@ -17,28 +17,13 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.kernels.jit import inner
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.columns import CURVATURE
 from pneunet_ros.solver.sides import NOT_DEFINED, second_difference, SideNodes, STABLE, UNSTABLE
 
 SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SecondOrderSettings:
-    """Settings for the steps to both sides of an estimate."""
-
-    steps: tuple[float, ...] = tuning(
-        (1.0, 0.5, 0.25, 0.125),
-        'along the leading error; the first one at which both sides have an equilibrium of the '
-        'same kind',
-        unit='sigma',
-        source='invented',
-    )
-
-
-DEFAULTS = SecondOrderSettings()
+# Sigma along the leading error: halved until both sides have an equilibrium of the same kind.
+STEPS = (1.0, 0.5, 0.25, 0.125)
 KINDS = {None: NOT_DEFINED, True: STABLE, False: UNSTABLE}  # of a rod, by whether it is stable
 
 
