@@ -11,6 +11,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.fusion import Fusion
 import pytest
+import rigs
 from rigs import force_error
 from support.lab_run import true_model
 
@@ -115,6 +116,17 @@ def test_the_worst_recording_is_that_of_those_with_a_force_whatever_their_order(
         numbers = bench.numbers_of(found[order])
         assert 0.5 < numbers['worst_force'] < 0.9
         assert numbers['without_force'] == 1
+
+
+@pytest.mark.parametrize(('said', 'folder'), [('1a2b3c4d', '1a2b3c4d'), ('1a2b3c4d-dirty', None)])
+def test_rows_are_kept_by_commit_and_of_changed_files_not_at_all(monkeypatch, said, folder):
+    found = SimpleNamespace(stdout=f'{said}\n')
+    monkeypatch.setattr(rigs.subprocess, 'run', lambda *_, **__: found)
+    if folder is None:
+        with pytest.raises(SystemExit, match='commit'):
+            rigs.commit()
+    else:
+        assert rigs.commit() == folder
 
 
 def test_a_recording_gives_an_estimate_at_nearly_every_frame():
