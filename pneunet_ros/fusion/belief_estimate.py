@@ -459,7 +459,9 @@ def known_force(
 ) -> tuple[Array, Array]:
     """Return force (2,) N and covariance (2, 2) N^2, NaN where the force is not determined.
 
-    The covariance includes the other hypotheses. fault: that of a force sensor that is not used.
+    The covariance includes the other hypotheses. If one component alone is determined, it covers
+    every likely value of the other: along a straight arm, frames in which the force is held learn
+    its variance, but leave its mean. fault: that of a force sensor that is not used.
     Because the sensor may be right and the model wrong, the covariance includes both while there
     are readings.
     """
@@ -479,6 +481,12 @@ def known_force(
         determined = np.zeros(2, dtype=bool)
     if determined.all():
         return freeze(force.copy()), freeze(covariance)
+    if determined.any():
+        which, free = (0, 1) if determined[0] else (1, 0)
+        variance = float(covariance[free, free])
+        slope = float(covariance[which, free]) / variance
+        covariance[which, which] += slope**2 * max(model.force_scale**2 - variance, 0.0)
+        determined[which] = covariance[which, which] <= model.largest_force_std**2
     force = np.where(determined, force, np.nan)
     both = determined[:, None] & determined[None, :]
     return freeze(force), freeze(np.where(both, covariance, np.nan))
