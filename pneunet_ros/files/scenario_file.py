@@ -175,7 +175,7 @@ def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:
             number = float('nan')
         if not (equals and dot and parameter) or number != number:
             raise RequestError(
-                f'--effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as VALUE',
+                f'effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as VALUE',
                 reason='wrong_form',
             )
         changes.setdefault(effect, {})[parameter] = number
