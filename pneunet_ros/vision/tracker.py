@@ -60,6 +60,7 @@ from pneunet_ros.vision.still_areas import StillAreas
 
 # Reasons of frames that do not show the arm, those that tell most first.
 TELLING = ('not_straight', 'wrong_clamp', UPRIGHT, 'several_rows', 'no_row', 'no_areas')
+SO_FAR = '; so far '  # before what the frames before have shown, in the sentence of a frame
 UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as good as any
 
 
@@ -243,7 +244,7 @@ class Tracker:
             (other,) = looks.keys() - {name}
             evidence = (
                 f'{name}: {tracking.sightings.seen} of {self.arclength.size} targets in a row; '
-                f'{other}: {looks[other][1].sentence}'
+                f'{other}: {looks[other][1].sentence.partition(SO_FAR)[0]}'
             )
             return replace(state, polarity=Polarity(name=name, evidence=evidence)), tracking
         still = {name: it.still[name] for name, (it, _) in looks.items() if name in it.still}
@@ -417,10 +418,8 @@ class Tracker:
             if not view.shallow:
                 state, found = self._at_rest_before(state, view, found, polarity)
             missing_frames = state.rest.missing_frames(wanted)
-            sentence = (
-                f'{found.sentence}; so far {missing_frames}' if missing_frames else found.sentence
-            )
-            return state, replace(found, sentence=sentence)
+            sentence = f'{found.sentence}{SO_FAR}{missing_frames}'
+            return state, replace(found, sentence=sentence) if missing_frames else found
         spacing = spacing_of(found, self.arclength)
         rest = state.rest.with_frame(found, spacing)
         missing_frames, plane = rest.missing_frames(wanted), None

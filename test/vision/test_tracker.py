@@ -133,6 +133,7 @@ def test_what_shows_a_row_decides_whether_targets_are_bright_or_dark(name):
     other = 'dark' if name == 'bright' else 'bright'
     evidence = film.state.polarity.evidence
     assert (f'{name}: {TARGETS} ' in evidence, f'{other}: ' in evidence) == (True, True)
+    assert 'so far' not in evidence  # it is told as long as the node runs
     assert film.tracker.reset(film.state).polarity is None
 
 
