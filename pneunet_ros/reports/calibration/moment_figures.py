@@ -264,7 +264,9 @@ def add_stiffness_axis(axes: Axes, arm: Arm) -> None:
     """Add an axis with the bending stiffness EI to that of alpha."""
     unit = arm.weight * arm.length**2
     functions = (partial(np.multiply, unit), partial(np.multiply, 1.0 / unit))
-    axes.secondary_yaxis('right', functions=functions).set_ylabel('EI (N m^2)')
+    other = axes.secondary_yaxis('right', functions=functions)
+    other.set_ylabel('EI (N m^2)')
+    other.ticklabel_format(axis='y', scilimits=(0, 0), useMathText=True)
 
 
 def draw_slopes(
