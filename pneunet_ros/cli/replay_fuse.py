@@ -56,7 +56,6 @@ def run_fusion(arguments: Namespace) -> int:
         'ambiguous': tally.ambiguous,
         'contacts': tally.contacts,
         'force_sensor': None if sensor is None else sensor.numbers,
-        'frame_delay_s': state.frame_delay,
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
         'beyond_noise': tally.inconsistent,
@@ -100,8 +99,6 @@ def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
         )
         if last.force_sensor is not None:
             facts['force sensor'] = last.force_sensor.words
-        if summary['frame_delay_s'] is not None:
-            facts['frames'] = f'{summary["frame_delay_s"]:+.3f} s behind their stamps at the end'
         if last.contact is not None and not last.contact.ambiguous:
             touch = last.contact
             facts['contact in it'] = (

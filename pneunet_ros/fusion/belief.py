@@ -27,7 +27,7 @@ from pneunet_ros.solver.solution import SolverNodes
 
 # Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
 CONTACT, FORCE_SENSOR, PRESSURE = 'contact', 'force_sensor', 'pressure'
-MIRRORED, MOTION, CLOCK = 'mirrored', 'motion', 'clock'
+MIRRORED, MOTION = 'mirrored', 'motion'
 # These remain when a belief is reset.
 LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED, MOTION})
 
@@ -39,8 +39,7 @@ class Belief(Gaussian):
     walk: random walk of the forces; sizes (sizes,): log weights of the possible sizes of the model
     error; chamber: the pressure reading (Pa), NaN if there was none; solution: the rod at the
     frame, None before the first; frames: number used so far; causes: names of the active causes;
-    reference: reference of a swing, None if the model has no `motion`, or before any frame;
-    delay_ns: of frames behind their stamps, as believed, beyond that of the model.
+    reference: reference of a swing, None if the model has no `motion`, or before any frame.
     """
 
     stamp_ns: int
@@ -51,7 +50,6 @@ class Belief(Gaussian):
     frames: int = 0
     causes: frozenset[str] = frozenset()
     reference: Reference | None = None
-    delay_ns: int = 0
 
     @property
     def unpressed(self) -> bool:

@@ -16,7 +16,6 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import (
     Belief,
-    CLOCK,
     CONTACT,
     first_belief,
     FORCE_SENSOR,
@@ -34,7 +33,6 @@ from pneunet_ros.fusion.hypothesis_update import (
 )
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.measurement.blocks.camera import Camera
-from pneunet_ros.measurement.blocks.camera_clock import CameraClock
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.target_row import TargetRow
@@ -201,57 +199,6 @@ class CameraCause(Cause):
     ) -> Iterator[Alternative]:
         """Try a camera that moved since the last frame, or that was misplaced from the start."""
         yield from recent_or_initial(model, updated, self, self.priors(model))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClockCause(Cause):
-    """Frames were taken at another time than their stamps say."""
-
-    name: ClassVar = CLOCK
-    rarity: ClassVar = 3.0
-    sentence: ClassVar = (
-        'frames were not taken when their stamps say: their delay is estimated from the pressure. '
-        'Let the camera driver stamp each frame, or calibrate with this camera, and reset'
-    )
-
-    def priors(self, model: PreparedModel) -> tuple[slice, Array, Array, Array]:
-        """Return its unknown, one sigma of right and of wrong stamps, and the mean."""
-        clock = model.unknowns.block(CameraClock)
-        wrong = np.array([clock.any_delay])
-        return model.unknowns.at(CameraClock), clock.std, wrong, np.zeros(1)
-
-    def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
-        """Weigh a delay that other unknowns nearly hide in each frame."""
-        where, before, after, _ = self.priors(model)
-        if not self.is_readable(model, belief):
-            return -math.inf
-        return log_odds_beyond(belief, where, before, np.array([CameraClock.FRAME]), after)
-
-    def is_readable(self, model: PreparedModel, belief: Belief) -> bool:
-        """Whether the pressure shows the time: the model error is known, and no arm swings.
-
-        False with another cause: frames from before it was found have taught a wrong delay.
-        """
-        swings = model.of(belief.causes).swinging is not None
-        return model.camera_is_observable and not swings and belief.causes <= {MIRRORED}
-
-    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the pressure shows when a frame was taken."""
-        return not updated.frame.alone and self.is_readable(model, updated.before)
-
-    def alternatives(
-        self, model: PreparedModel, updated: HypothesisUpdate
-    ) -> Iterator[Alternative]:
-        """Yield the belief for wrong stamps from the start, if frames that fit support it."""
-        if not updated.misfits and self.log_odds_so_far(model, updated.after) > 0.0:
-            initial, earlier = with_prior(updated.after, *self.priors(model))
-            # The force had to follow the wrong delays.
-            initial = replace(initial, walk=model.unknowns.block(TipForce).first)
-            yield with_posterior(updated, replace_causes(initial, self.name)), earlier
-            swing = MotionCause()
-            if swing.is_possible(model, updated):  # an arm that swings lags, or leads, as well
-                for one, _ in swing.alternatives(model, updated):
-                    yield one, earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -524,7 +471,6 @@ CAUSES: tuple[Cause, ...] = (
     CameraCause(),
     TargetsCause(),
     TiltCause(),
-    ClockCause(),
     ForceSensorCause(),
     PressureCause(),
     MirroredCause(),

@@ -21,12 +21,10 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.pauses import pause
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.fusion.belief import Belief, CLOCK
+from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.blocks.block import FrameInputs
-from pneunet_ros.measurement.blocks.camera_clock import CameraClock
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.motion import Motion
@@ -492,7 +490,7 @@ class FrameProblem:
         if growth is not None:
             grid = self.unknowns.block(ModelDiscrepancy).grid
             sizes = grid.after(sizes, growth, fit.size_information(growth))
-        after = replace(
+        return replace(
             self.prior,
             mean=freeze(mean),
             root=freeze(np.ascontiguousarray(root)),
@@ -501,21 +499,6 @@ class FrameProblem:
             solution=fit.trial.bent.solution,
             frames=self.prior.frames + 1,
             reference=self.reference_after(fit),
-        )
-        return after if CLOCK not in after.causes else self.with_delay(after)
-
-    def with_delay(self, belief: Belief) -> Belief:
-        """Return the belief at the time when the frame was taken, by the delay that it shows."""
-        where = self.unknowns.at(CameraClock).start
-        delay, mean = float(belief.mean[where]), belief.mean.copy()
-        mean[where] = 0.0
-        later_ns = round(delay * NANOSECONDS_PER_SECOND)
-        return replace(
-            belief,
-            stamp_ns=belief.stamp_ns + later_ns,
-            delay_ns=belief.delay_ns + later_ns,
-            mean=freeze(mean),
-            chamber=belief.chamber + self.inputs.pressure_rate * delay,
         )
 
     def consider(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass, field, replace
-from functools import partial
 import math
 
 import numpy as np
@@ -49,7 +48,6 @@ from pneunet_ros.fusion.readings import (
     followed_by,
     nearest_to,
     NearWrench,
-    pressure_at,
     PressureInstant,
     ReadFrame,
     SeenFrame,
@@ -58,6 +56,7 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
 from pneunet_ros.fusion.weighing import estimate_walk, is_copy, take, weigh
+from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
@@ -75,6 +74,7 @@ MOST_WAITING = 32  # frames that wait for their pressure reading: limits memory
 NIS_TIME = 2.0  # s, averaging time of the NIS in the diagnostics
 
 Event = Reading | BaseReading | TargetSightings
+NEAR = 3  # readings on either side for the course of the pressure between two
 USUAL_GAP = 1.5  # times the gap before: longer ones are not interpolated across
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 MOST_AHEAD = 0.1  # s, of a frame before its pressure: more is a note
@@ -192,13 +192,14 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        shown_ns = partial(self.shown_ns, state)
-        ready = [item for item in state.waiting if shown_ns(item) <= instant.stamp_ns]
+        ready = [item for item in state.waiting if self.model.shown_ns(item) <= instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
             pressures=followed_by(state.pressures, instant, PRESSURES_KEPT),
-            waiting=tuple(item for item in state.waiting if shown_ns(item) > instant.stamp_ns),
+            waiting=tuple(
+                item for item in state.waiting if self.model.shown_ns(item) > instant.stamp_ns
+            ),
         )
         for sightings in ready:
             state = self.use_frame(state, sightings)
@@ -244,7 +245,7 @@ class Fusion:
         before_ns = state.pressures[max(len(state.pressures) - 2, 0)].stamp_ns
         shown = [self.model.shown_ns(sightings) for sightings in state.waiting]
         if state.belief is not None and state.belief.frames:
-            shown.append(state.belief.stamp_ns - state.belief.delay_ns)
+            shown.append(state.belief.stamp_ns)
         seconds = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
         if seconds <= MOST_AHEAD + 1.5 * seconds_between(before_ns, last_ns):
             return []
@@ -291,12 +292,12 @@ class Fusion:
         if reason == RESTARTED:
             state = state.without_frames()
         elif reason == AHEAD:
-            state = state.without_frames_after(stamp_ns, self.shown_ns(state, sightings))
+            state = state.without_frames_after(stamp_ns, self.model.shown_ns(sightings))
         elif reason:
             refusal = drop(stamp_ns, reason, sentence)
             return state.count_unused(reason), refusal
         state = replace(state, frame_stamps=state.frame_stamps.after(stamp_ns))
-        shown_ns = self.shown_ns(state, sightings)
+        shown_ns = self.model.shown_ns(sightings)
         if state.pressures and shown_ns <= state.pressures[-1].stamp_ns:
             return self.use_frame(state, sightings), None
         if state.pressures:
@@ -305,8 +306,7 @@ class Fusion:
             since_ns = self.model.shown_ns(state.waiting[0] if state.waiting else sightings)
         alone = state.unpressed and not state.pressures
         gap = state.frame_stamps.before_ns is not None  # the next frame shows if this one is ahead
-        stale = self.is_stale(since_ns, self.model.shown_ns(sightings))
-        if not alone and (not stale or (gap and not state.waiting)):
+        if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
             if len(state.waiting) == MOST_WAITING:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
             return replace(state, waiting=(*state.waiting, sightings)), None
@@ -318,9 +318,8 @@ class Fusion:
         """Process a frame without a pressure reading, and estimate at the stamp of the frame."""
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
-            shown_ns = self.shown_ns(state, earlier)
             state = self.use_frame(state, earlier)
-        belief = state.belief
+        belief, shown_ns = state.belief, self.model.shown_ns(sightings)
         instant, unknown = self.instant_shown(state, shown_ns)
         if unknown is not None or belief is None or belief.stamp_ns != shown_ns:
             return state, unknown
@@ -338,11 +337,6 @@ class Fusion:
             instant = replace(instant, gravity=gravity, turn_rate=turn_rate)
         return instant, unknown
 
-    def shown_ns(self, state: FusionState, sightings: TargetSightings) -> int:
-        """Return when a frame was taken: its stamp without the delay, as far as it is known."""
-        delay_ns = 0 if state.belief is None else state.belief.delay_ns
-        return self.model.shown_ns(sightings) + delay_ns
-
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
         """Whether the last pressure reading is too old at a stamp."""
         return seconds_between(last_ns, stamp_ns) > self.sensors.input_timeout
@@ -353,7 +347,30 @@ class Fusion:
         Before any reading it is the middle of the range.
         """
         known = state.pressures
-        return pressure_at(known, stamp_ns) if known else self.model.unread_at(stamp_ns)
+        if not known:
+            return self.model.unread_at(stamp_ns)
+        after = bisect_left(known, stamp_ns, key=stamp_of)
+        if after in (0, len(known)):
+            return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
+        first, second = known[after - 1], known[after]
+        share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
+        nearest = first if share < 0.5 else second
+        around = known[max(after - NEAR, 0) : after + NEAR]
+        missed = error_between(
+            stamp_ns,
+            np.array([one.stamp_ns for one in around]),
+            np.array([one.chamber for one in around]),
+            nearest.std,
+        )
+        return replace(
+            nearest,
+            stamp_ns=stamp_ns,
+            gauge=first.gauge + share * (second.gauge - first.gauge),
+            chamber=first.chamber + share * (second.chamber - first.chamber),
+            std=math.hypot(nearest.std, missed),
+            missed=missed,
+            turn_rate=first.turn_rate + share * (second.turn_rate - first.turn_rate),
+        )
 
     def wrench_at(
         self, state: FusionState, stamp_ns: int, *, with_targets: bool
@@ -525,7 +542,7 @@ class Fusion:
         state = self.weigh_pending(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
-        shown_ns = self.shown_ns(state, sightings)
+        shown_ns = self.model.shown_ns(sightings)
         unknowns = self.model.of(state.lasting).unknowns
         before = state.belief or first_belief(unknowns, shown_ns, state.lasting)
         if before.frames and shown_ns < before.stamp_ns:
@@ -556,7 +573,7 @@ class Fusion:
         self, state: FusionState, sightings: TargetSightings, instant: PressureInstant
     ) -> ReadFrame:
         """Return a frame with the sensor readings at the time when it was taken, an instant."""
-        shown_ns = self.shown_ns(state, sightings)
+        shown_ns = self.model.shown_ns(sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
         turn = not state.counts.frames % STILL_FRAMES
         return ReadFrame(
@@ -570,8 +587,7 @@ class Fusion:
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=wrench,
-            before=state.pressures,
-            delay_ns=0 if state.belief is None else state.belief.delay_ns,
+            before=state.pressures if self.model.swings else (),
             pulls=state.force.kept if self.model.swings and wrench is not None else (),
         )
 

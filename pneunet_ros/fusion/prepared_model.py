@@ -12,21 +12,12 @@ from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.fusion.belief import (
-    Belief,
-    CLOCK,
-    FORCE_SENSOR,
-    MIRRORED,
-    MOTION,
-    move_belief,
-    PRESSURE,
-)
+from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, MIRRORED, MOTION, move_belief, PRESSURE
 from pneunet_ros.fusion.frame_update import EXACT
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.fusion.unknowns import unknowns_of
 from pneunet_ros.measurement.blocks.block import FrameInputs, WrenchSeen
-from pneunet_ros.measurement.blocks.camera_clock import CameraClock
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
@@ -165,7 +156,6 @@ class PreparedModel:
             by_column=by_column,
             lag_offsets=np.array(instant.memory) - instant.chamber,
             gravity=instant.gravity,
-            pressure_rate=instant.rate,
         )
 
     def by_columns(self, reading: Load) -> Array:
@@ -252,12 +242,9 @@ class PreparedModel:
         moved = move_belief(
             self.unknowns, belief, stamp_ns, size, pressure_change, noise=noise, walk=walk
         )
-        seconds = seconds_between(belief.stamp_ns, stamp_ns)
-        if CLOCK in belief.causes:
-            walked = self.unknowns.block(CameraClock).walk * math.sqrt(abs(seconds))
-            moved = widen(moved, self.unknowns.at(CameraClock), np.array([walked]))
         if not belief.touched:
             return moved
+        seconds = seconds_between(belief.stamp_ns, stamp_ns)
         walks = self.unknowns.block(Push).random_walks(moved.walk.recent, seconds)
         return widen(moved, self.unknowns.at(Push), walks)
 

@@ -10,12 +10,8 @@ from typing import TypeVar
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
-from pneunet_ros.core.units import seconds_between, seconds_since
 from pneunet_ros.effects.effect import History, Load
-from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.swinging_arm import EquilibriumBetween
-
-NEAR = 3  # readings on either side for the course of the pressure between two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,8 +21,7 @@ class PressureInstant:
     memory: internal pressures (Pa) of lags and of a play; step (Pa): smallest change between
     successive readings so far, see `rounding_error`; missed (Pa): interpolation error between two
     readings, included in std. gravity: along x and y, in g; None: as in the model. turn_rate
-    (rad/s) of the base; NaN: unknown. rate (Pa/s): change of the pressure in time between
-    readings, 0 at a reading.
+    (rad/s) of the base; NaN: unknown.
     """
 
     stamp_ns: int
@@ -39,7 +34,6 @@ class PressureInstant:
     missed: float = 0.0
     gravity: tuple[float, float] | None = None
     turn_rate: float = math.nan
-    rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,8 +71,7 @@ class ReadFrame:
 
     alone: whether no pressure is known at that time; pressure_still: whether the last pressure
     readings are bit-identical and this frame is due for a test; wrench: None if none is near.
-    before: readings of the pressure around the frame; pulls: of the force, for a swinging arm;
-    delay_ns: behind its stamp, as believed, beyond that of the model: part of stamp_ns.
+    before, pulls: readings of pressure and force around the frame, for a swinging arm.
     """
 
     stamp_ns: int
@@ -89,7 +82,6 @@ class ReadFrame:
     wrench: NearWrench | None
     before: tuple[PressureInstant, ...] = ()
     pulls: tuple[WrenchReading, ...] = ()
-    delay_ns: int = 0
 
     def without_wrench(self) -> ReadFrame:
         """Return the frame without the force reading."""
@@ -103,52 +95,9 @@ class ReadFrame:
         """Return the frame with its targets on the other side of the clamp's tangent."""
         return replace(self, sightings=replace(self.sightings, y=-self.sightings.y))
 
-    def delayed(self, delay_ns: int) -> ReadFrame:
-        """Return the frame as taken by another delay behind its stamp."""
-        if delay_ns == self.delay_ns:
-            return self
-        stamp_ns = self.stamp_ns + delay_ns - self.delay_ns
-        instant = replace(self.instant, stamp_ns=stamp_ns)
-        if not self.alone and self.before:
-            read = pressure_at(self.before, stamp_ns)
-            instant = replace(read, gravity=instant.gravity, turn_rate=instant.turn_rate)
-        wrench = self.wrench
-        if wrench is not None:
-            age = seconds_since(wrench.reading.stamp_ns, stamp_ns)
-            wrench = replace(wrench, age=age)
-        return replace(self, stamp_ns=stamp_ns, instant=instant, wrench=wrench, delay_ns=delay_ns)
-
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
         """Return the frame without the pressure reading; instant: replaces it."""
         return replace(self, instant=instant, alone=True)
-
-
-def pressure_at(known: tuple[PressureInstant, ...], stamp_ns: int) -> PressureInstant:
-    """Return the pressure at a stamp, interpolated or from the nearest of some readings."""
-    after = bisect_left(known, stamp_ns, key=stamp_of)
-    if after in (0, len(known)):
-        return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
-    first, second = known[after - 1], known[after]
-    share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
-    nearest = first if share < 0.5 else second
-    around = known[max(after - NEAR, 0) : after + NEAR]
-    missed = error_between(
-        stamp_ns,
-        np.array([one.stamp_ns for one in around]),
-        np.array([one.chamber for one in around]),
-        nearest.std,
-    )
-    seconds = seconds_between(around[0].stamp_ns, around[-1].stamp_ns)
-    return replace(
-        nearest,
-        stamp_ns=stamp_ns,
-        gauge=first.gauge + share * (second.gauge - first.gauge),
-        chamber=first.chamber + share * (second.chamber - first.chamber),
-        std=math.hypot(nearest.std, missed),
-        missed=missed,
-        turn_rate=first.turn_rate + share * (second.turn_rate - first.turn_rate),
-        rate=(around[-1].chamber - around[0].chamber) / seconds,
-    )
 
 
 Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)

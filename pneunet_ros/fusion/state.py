@@ -9,9 +9,9 @@ from types import MappingProxyType
 
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
+from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.fusion.belief import Belief, CLOCK, LASTING, PRESSURE
+from pneunet_ros.fusion.belief import Belief, LASTING, PRESSURE
 from pneunet_ros.fusion.frame_update import ColdSearch, Fit
 from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
 from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
@@ -154,13 +154,6 @@ class FusionState:
         """Causes that all likely hypotheses share; the lasting ones if none is likely."""
         likely = [one.belief.causes for one in self.bank if one.is_about_as_likely]
         return frozenset.intersection(*likely) if likely else self.lasting
-
-    @property
-    def frame_delay(self) -> float | None:
-        """Delay (s) of frames behind their stamps, beyond the model's; None if it is right."""
-        if self.belief is None or CLOCK not in self.certain_causes:
-            return None
-        return self.belief.delay_ns / NANOSECONDS_PER_SECOND
 
     @property
     def unpressed(self) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pneunet_ros.measurement.blocks.camera import Camera
-from pneunet_ros.measurement.blocks.camera_clock import CameraClock
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_columns import ModelColumns
@@ -66,7 +65,6 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
         ),
         Push(scale=scale, length=arm.length),
         Tilt(),
-        CameraClock(),
         ReadingNoise(),
         *motion_of(arm),
     )

@@ -13,7 +13,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import CLOCK, first_belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.belief import first_belief, FORCE_SENSOR, PRESSURE
 from pneunet_ros.fusion.belief_estimate import STIFFNESS_UNKNOWN
 from pneunet_ros.fusion.causes import (
     CAMERA,
@@ -38,7 +38,6 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.measurement.blocks.camera_clock import CameraClock
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_columns import ModelColumns
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
@@ -1080,40 +1079,6 @@ def test_the_first_frame_that_is_used_has_a_rival_in_a_mirror(strange):
     found = fuse(known, change=change, frames=range(strange + 1))
     assert sum(found.state.counts.unused.values()) == strange
     assert any('mirrored' in one.belief.causes for one in known.settle(found.state).bank)
-
-
-def stamped_early(frame: int, seen: TargetSightings, late: float = 0.25) -> TargetSightings:
-    """Return a frame with the stamp of a camera whose clock is late by some seconds."""
-    return replace(seen, stamp_ns=seen.stamp_ns - round(1e9 * late))
-
-
-@pytest.mark.parametrize('late', [0.25, -0.25])
-def test_a_wrong_clock_of_the_camera_is_told_and_its_delay_found(late):
-    found = fuse(calibrated(), change=partial(stamped_early, late=late))
-    belief, last_ns = found.state.belief, int(recorded().stamp_ns[199])
-    assert found.state.certain_causes == {CLOCK}
-    assert 1e-9 * belief.delay_ns == pytest.approx(late, abs=0.1)
-    since = replace(
-        found,
-        frame=found.frame[found.frame >= 80],
-        estimates=[one for one, at in zip(found.estimates, found.frame, strict=True) if at >= 80],
-    )
-    assert since.tip_covered() > 0.95
-    assert since.force_covered() > 0.95
-    assert np.nanmax(np.hypot(*since.force_error.T)) < 0.02
-    # The belief is that of the time when the last frame was taken, as far as that is known.
-    assert belief.mean[calibrated().model.unknowns.at(CameraClock)] == 0.0
-    assert belief.stamp_ns == last_ns - round(1e9 * late) + belief.delay_ns
-
-
-def test_a_late_clock_does_not_make_the_pressure_stale():
-    """A delay beyond `input_timeout` is no silence of the pressure sensor."""
-    state = fuse(calibrated(), change=stamped_early, frames=range(100)).state
-    late = replace(state.bank[0].belief, delay_ns=1_000_000_000)
-    state = replace(state, bank=(replace(state.bank[0], belief=late),))
-    state, outcome = calibrated().step(state, sightings(100))
-    assert outcome is None
-    assert state.waiting
 
 
 @pytest.mark.parametrize('frames', [range(60, 61), range(60, 120)])
