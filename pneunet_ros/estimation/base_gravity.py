@@ -206,8 +206,7 @@ class GravitySource:
         turn_rate = apparent_rate = self.turn_rate_at(known, stamp_ns)
         if earlier is not None and period > 0.0:
             (x, y), (before_x, before_y) = last.direction, earlier.direction
-            turned = math.atan2(before_y * x - before_x * y, before_x * x + before_y * y)
-            apparent_rate = turned / period
+            apparent_rate = (before_y * x - before_x * y) / period
         return BaseMotion(
             turn_rate=turn_rate,
             apparent_rate=math.nan if math.isfinite(turn_rate) else apparent_rate,

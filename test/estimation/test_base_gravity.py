@@ -106,17 +106,6 @@ def test_gravity_that_turns_is_the_less_sure_the_older_its_reading():
     assert old.std_y[-1] == pytest.approx(sigmas[0][1])
 
 
-@pytest.mark.parametrize('share', [1.0, 0.5, 0.3])
-def test_the_turn_that_gravity_shows_is_that_of_its_direction(share):
-    """However little of it lies in the plane: its size is no part of the angle."""
-    of, state = estimator(), EstimatorState()
-    for at in (100, 120):
-        angle, force, out = 0.01 * at, share * G, G * np.sqrt(1.0 - share**2)
-        state, _ = of.step(state, imu(force * np.sin(angle), force * np.cos(angle), out, at))
-    base = of.gravity.motion_at(state.gravity, 120_000_000, 100_000_000)
-    assert abs(base.apparent_rate) == pytest.approx(10.0, rel=1e-9)
-
-
 def test_what_effects_add_stays_beside_a_measured_direction():
     """Also the neighbors by which errors are carried: with the way of every table."""
     for effects in ((), (Creep(amplitude=0.2, time_constant=60.0), LoadOffset(offset=2e-3))):
