@@ -390,6 +390,11 @@ def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:
                 f'{where}: {name} has no matching column force{quantity[5:]}_UNIT',
                 reason='missing_column',
             )
+        if quantity == 'imu_wz' and not quantities & {'imu_ax', 'imu_ay', 'imu_az'}:
+            raise RecordingError(
+                f'{where}: {name} has no matching columns imu_ax_UNIT, imu_ay_UNIT, imu_az_UNIT',
+                reason='missing_column',
+            )
     if quantities & set(IN_BASE) and quantities & set(OF_STRINGS):
         raise RecordingError(
             f'{where}: the end force is given both along the axes (force_x, force_y) and by '

@@ -55,6 +55,8 @@ def test_an_imu_need_not_read_an_angular_velocity(tmp_path):
     assert table.present()['base_imu'].tolist() == [True, True, False]
     np.testing.assert_allclose(table.values['base_imu'][0, 2:], [0.0, math.pi / 2.0])
     assert 'imu_wz_rad_s' in columns(table)
+    with refused(RecordingError, 'missing_column'):  # it would be gravity of 0 g
+        read(tmp_path, 'time_s,pressure_kpa,imu_wz_deg_s\n1,20,90\n')
     without = read(tmp_path, 'time_s,imu_ax_g,imu_ay_g\n1,0,1\n')
     assert 'imu_wz_rad_s' not in columns(without)
     assert without.present()['base_imu'].all()
