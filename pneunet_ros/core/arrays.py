@@ -75,7 +75,7 @@ def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.in
     """Return the rows below `at` in a table over pressure, and the weight of the row above.
 
     pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
-    In a table with a single row, that row is also the next one and has all the weight.
+    In a table with a single row, this row is also the row above and has all the weight.
     """
     at = np.asarray(at, dtype=np.float64)
     if pressure.size == 1:

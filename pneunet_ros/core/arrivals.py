@@ -1,12 +1,12 @@
 """Processing order of messages, identical for nodes and recordings.
 
-Messages are processed in order of arrival (for a recording: of log time), simultaneous ones in
-order of their stamps, and those of one stamp in the order of ties: inputs of an estimate before
-the pressure, which triggers it.
+Messages are processed in order of arrival (for a recording: of log time); simultaneous messages in
+order of their stamps, and messages with equal stamps in the order of ties: inputs of an estimate
+before the pressure, which triggers it.
 
 A driver that stamps several topics with the same time publishes them one after the other, in any
 order. As long as the messages of a topic have the same stamps as the pressures, each pressure
-waits for the message with its stamp, for at most `LONGEST_WAIT_NS`. Nothing else waits.
+waits for the message with its stamp, for at most `LONGEST_WAIT_NS`. No other message waits.
 
 The order depends only on arrivals, stamps and topics, not on the time of processing: a busy node
 processes a burst in the order in which its recording is replayed.
@@ -40,8 +40,8 @@ class Arrival(NamedTuple, Generic[Item]):
 class Companion:
     """A topic whose messages may share the stamps of the pressure readings.
 
-    missed: number of successive pressures without its message; after two, pressures stop waiting
-    until a message has the stamp of a pressure again.
+    missed: number of successive pressures without a message of this topic; after two, pressures
+    stop waiting until a message has the stamp of a pressure again.
     """
 
     last_ns: int = 0
@@ -50,7 +50,7 @@ class Companion:
 
     @property
     def joins(self) -> bool:
-        """Whether the messages of this topic have had the stamps of the pressure so far."""
+        """Whether the messages of this topic have shared the stamps of the pressure so far."""
         return self.missed < MOST_MISSED
 
     def is_due(self, stamp_ns: int) -> bool:
@@ -68,8 +68,8 @@ class Companion:
 class ArrivalOrder(Generic[Item]):
     """Orders messages: `add` arrivals, then `take` the messages that are due.
 
-    topics: their names in the order of ties; pressure: the topic that triggers estimates from
-    those before it. Without it, messages are processed in order of arrival.
+    topics: names in the order of ties; pressure: the topic that triggers estimates from the topics
+    before it. Without a pressure topic, messages are processed in order of arrival.
     """
 
     topics: Sequence[str]
@@ -101,7 +101,7 @@ class ArrivalOrder(Generic[Item]):
             yield arrival.item
 
     def backlog(self, topic: str) -> tuple[int, int]:
-        """Return how many messages of a topic are queued, and over what time (ns) they arrived."""
+        """Return the number of queued messages of a topic, and the span (ns) of their arrivals."""
         tie = self.topics.index(topic)
         arrivals = [one.at_ns for one in self._waiting if one.tie == tie]
         return len(arrivals), arrivals[-1] - arrivals[0] if arrivals else 0
@@ -139,7 +139,7 @@ class ArrivalOrder(Generic[Item]):
         return 0
 
     def _due_before(self, arrival: Arrival[Item]) -> list[int]:
-        """Return the topics whose message with this stamp must come first but has not arrived."""
+        """Return the topics whose message with this stamp is due first but has not arrived."""
         companion = self._companions.get(arrival.tie)
         if arrival.tie > len(self._companions) or (companion is not None and not companion.joins):
             return []
@@ -150,7 +150,7 @@ class ArrivalOrder(Generic[Item]):
         ]
 
     def _note(self, arrival: Arrival[Item]) -> None:
-        """Update which topics share the stamps of pressures, from one message."""
+        """Update the topics that share the stamps of pressures with one message."""
         companion, last = self._companions.get(arrival.tie), self._last
         if companion is not None:
             companion.take(arrival.stamp_ns)

@@ -2,15 +2,14 @@
 
 ::
 
-    PneunetError
-    ├── RequestError      an argument of a function or a command is not usable
-    ├── ModelError        a model file or a model parameter is wrong
-    ├── CameraError       a camera file or what it says of camera and targets is wrong
-    ├── MessageError      a ROS message does not hold what its topic promises
-    └── RecordingError    a recording or an output file cannot be used as asked
+PneunetError ├── RequestError      an argument of a function or a command is not usable ├──
+ModelError        a model file or a model parameter is wrong ├── CameraError       a camera file,
+or its description of camera and targets, is wrong ├── MessageError      a ROS message does not
+have the expected content └── RecordingError    a recording or an output file cannot be used as
+requested
 
-A solve that does not converge and a reading that cannot be used are not errors: they are values
-with a status sentence (`shape.Shape.status`, `shape.Refusal`).
+A solve that does not converge and a reading that cannot be used are not errors but values with a
+status sentence (`shape.Shape.status`, `shape.Refusal`).
 """
 
 from __future__ import annotations
@@ -61,4 +60,4 @@ class MessageError(PneunetError):
 
 
 class RecordingError(PneunetError):
-    """A recording or an output file cannot be used as asked."""
+    """A recording or an output file cannot be used as requested."""

@@ -22,8 +22,8 @@ class FrameTree:
     def after(self, readings: Iterable[FrameReading]) -> FrameTree:
         """Return the tree updated with readings of frames; the latest reading wins.
 
-        A reading more than `BACKWARD_JUMP` before the known one shows that this was stamped ahead
-        of its time, or that time has restarted.
+        A reading more than `BACKWARD_JUMP` before the stored one shows that the stored one had a
+        stamp in the future, or that time has restarted.
         """
         found = dict(self.frames)
         for reading in readings:
@@ -41,8 +41,8 @@ class FrameTree:
     def between(self, frame: str, other: str) -> tuple[Quaternion, int | None] | None:
         """Return the rotation from one frame to another.
 
-        Also returns the stamp (ns) of the oldest reading on the way that is not fixed; None if all
-        are fixed. The result is None if no chain of readings connects the frames.
+        Also returns the stamp (ns) of the oldest reading in the chain that is not fixed; None if
+        all are fixed. The result is None if no chain of readings connects the frames.
         """
         ups = self._upwards(frame), self._upwards(other)
         places = [{reading.parent: place for place, reading in enumerate(up, 1)} for up in ups]

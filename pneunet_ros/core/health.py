@@ -40,12 +40,12 @@ def hardware_id(namespace: str, node: str) -> str:
 class InputHealth:
     """Collects the outcomes of the essential input of a node: readings or images.
 
-    All times are in seconds of one steady clock. A fault that stopped the results is in every
-    report until there is a result, others only in the next report.
+    All times are in seconds of one steady clock. A fault that stopped the results appears in every
+    report until there is a result, other faults only in the next report.
     """
 
     def __init__(self, source: str, now: float) -> None:
-        """Initialize; source: what the node waits for, e.g. 'pressure on /pneunet/pressure'."""
+        """Initialize; source: input of the node, e.g. 'pressure on /pneunet/pressure'."""
         self.source = source
         self._begun = self._reported = now
         self._input_at: float | None = None
@@ -55,7 +55,7 @@ class InputHealth:
         self._results = 0
 
     def take(self, outcome: object, now: float) -> None:
-        """Record a result, or why the input gave none."""
+        """Record a result, or the reason for a missing result."""
         if isinstance(outcome, Refusal):
             self.note_refusal(outcome)
             if not outcome.error:
@@ -78,7 +78,7 @@ class InputHealth:
         return now - (self._begun if self._input_at is None else self._input_at)
 
     def silence_sentence(self, now: float) -> str:
-        """State how long there has been no usable input."""
+        """Describe the time without usable input."""
         return f'no usable {self.source} for {self.silence(now):.1f} s'
 
     def input_age(self, now: float) -> float | None:
@@ -103,7 +103,7 @@ class InputHealth:
         return float(np.percentile(self._latencies, percent)) if self._latencies else None
 
     def begin_next(self, now: float) -> None:
-        """Start the period up to the next report."""
+        """Start the next report period."""
         self._reported, self._results, self._problems = now, 0, {}
 
 

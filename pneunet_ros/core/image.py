@@ -113,9 +113,8 @@ class Image:
     """A camera image: `height` rows of `step` bytes each, with `width` pixels.
 
     `data` (bytes,) is read-only; `encoding` is a key of ENCODINGS; big_endian: byte order of
-    two-byte values; bits: how many of these are in use, 0: those of `bits_used`. Pixel (u, v) =
-    (0, 0) is the center of the first pixel, u to the right, v down. Raises MessageError if these
-    do not match.
+    two-byte values; bits: number of significant bits, 0: `bits_used`. Pixel (u, v) = (0, 0) is the
+    center of the first pixel, u to the right, v down. Raises MessageError if these do not match.
     """
 
     stamp_ns: int
@@ -164,7 +163,7 @@ class Image:
 
     @property
     def has_colors(self) -> bool:
-        """Whether the image has colors to compare: of pairs of pixels only where all are pairs."""
+        """Whether the image has colors to compare; pixel-pair encodings need an even width."""
         layout = ENCODINGS[self.encoding]
         return layout.bgr is not None and not (layout.channels == 2 and self.width % 2)
 
@@ -179,8 +178,8 @@ class Image:
     def bits_used(self) -> int:
         """Number of bits in use of two-byte values; 8 for other encodings.
 
-        A camera of 10, 12 or 14 bits fills the lower bits without stating how many: the smallest
-        even number of bits that holds the image, except for hot pixels, is assumed.
+        A camera of 10, 12 or 14 bits fills the lower bits without stating their number; the
+        smallest even number of bits that holds the image, except for hot pixels, is assumed.
         """
         return self.once('bits', self._bits_used)
 
@@ -232,7 +231,7 @@ class Image:
     def closeness(self, color: tuple[float, float, float]) -> Image:
         """Return a grey image of similarity to a color (red, green, blue): 255 if equal.
 
-        The similarity is 0 if a pixel is at least as far from the color as grey is, in CIE L*a*b*.
+        The similarity is 0 if a pixel is at least as far from the color as grey, in CIE L*a*b*.
         Differences in lightness count half, because the light varies along an arm. Raises
         MessageError for an image without colors.
         """

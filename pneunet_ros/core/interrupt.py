@@ -57,7 +57,7 @@ def interrupted_afterwards() -> Iterator[None]:
 
 
 def forget_interrupt() -> None:
-    """Let the process end with its exit code after a KeyboardInterrupt that was caught.
+    """Keep the exit code of the process after a KeyboardInterrupt that was caught.
 
     If an interrupt passes through code that was compiled from text (as by dataclasses, numba and
     attrs), Python records it as uncaught, and finally kills itself with SIGINT whatever the

@@ -1,4 +1,4 @@
-"""Notes on an answer: a sentence for people, with a reason code for programs."""
+"""Notes on a result: a sentence for users, with a reason code for programs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, Self
 
 
 class Note(str):
-    """A sentence for people; `reason` is its code, as in an error or a `Refusal`."""
+    """A sentence for users; `reason` is its code, as in an error or a `Refusal`."""
 
     __slots__ = ('reason',)
     reason: str

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class Refusal:
     """A reading without an estimate: `reason` is a key for counting, `sentence` for users.
 
-    error: whether estimates have stopped, rather than one reading having been dropped.
-    `awaits_others`: the missing input comes from another node, which may still be starting.
+    error: whether estimates have stopped (True), or only one reading was dropped. `awaits_others`:
+    the missing input comes from another node, which may still be starting.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Resolution of symbolic links in paths, which only this module does, and names beside others."""
+"""Resolution of symbolic links in paths (only in this module), and sibling file names."""
 
 from __future__ import annotations
 

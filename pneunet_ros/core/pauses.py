@@ -1,8 +1,8 @@
-"""Points at which a long computation lets urgent work run in its thread.
+"""Pauses in which a long computation lets urgent work run in its thread.
 
-A computation of milliseconds calls `pause` between its steps. `pause` does nothing by itself; a
-caller registers urgent work with `work_in_pauses`. That work must not touch the data of the
-computation, so the result does not depend on it.
+A computation of milliseconds calls `pause` between its steps. A caller registers urgent work with
+`work_in_pauses`; otherwise `pause` does nothing. The urgent work must not touch the data of the
+computation, so that the result does not depend on it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ IN_PAUSES = InPauses()
 
 
 def pause() -> None:
-    """Run more urgent work now."""
+    """Run pending urgent work."""
     for work in IN_PAUSES.work:
         work()
 
 
 def work_in_pauses(work: Callable[[], None]) -> Callable[[], None]:
-    """Run `work` in every pause of this thread; returns a function that stops this."""
+    """Run `work` in every pause of this thread; return a function that ends this."""
     IN_PAUSES.work.append(work)
     return lambda: IN_PAUSES.work.remove(work)

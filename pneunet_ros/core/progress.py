@@ -34,5 +34,5 @@ def reporting_to(on_progress: OnProgress) -> Iterator[None]:
 
 
 def report_progress(stage: str, done: int, total: int) -> None:
-    """Report how far reading or writing a file has come."""
+    """Report the progress of reading or writing a file."""
     _READING.get()(stage, done, total)

@@ -1,6 +1,6 @@
 """Sensor readings: immutable, SI, stamped in integer nanoseconds of the message header.
 
-A reading is kept unchanged. The estimator interprets it (gauge or absolute, sign and yaw of a
+A reading is stored unchanged. The estimator interprets it (gauge or absolute, sign and yaw of a
 force sensor, sensing effects of the model).
 """
 
@@ -55,9 +55,9 @@ class TipPoseReading:
 class ImuReading:
     """A reading of an IMU at the base: specific force (m/s^2) in its `frame_id`.
 
-    At rest it is 9.81 m/s^2 upwards. known: whether the sensor measures acceleration, by its own
-    report. rate: angular velocity (rad/s), NaN if it is not measured. variance: of each component
-    of the force, 0 = unknown.
+    At rest, the specific force is 9.81 m/s^2 upwards. known: whether the sensor reports that it
+    measures acceleration. rate: angular velocity (rad/s), NaN if it is not measured. variance: of
+    each component of the force, 0 = unknown.
     """
 
     stamp_ns: int

@@ -33,8 +33,8 @@ def tuning(default: Any, meaning: str, *, unit: str = '-', source: str) -> Any:
 
     unit: SI unit, '-' for none, or the reference of a share or multiple. source: origin of the
     number: 'measured', 'literature: ...', 'convention', or 'invented' for a free choice; 'sweep':
-    acceptance/sweep.csv has the results that changed when it was halved and doubled, which shows
-    that it matters, not that it is right.
+    acceptance/sweep.csv lists the results that change when the number is halved and doubled, which
+    shows that the number matters, not that it is right.
     """
     return field(default=default, metadata={'meaning': meaning, 'used_unit': unit, 'from': source})
 

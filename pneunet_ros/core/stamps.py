@@ -20,10 +20,10 @@ LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # the seconds of a header have 32
 
 
 def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str]:
-    """Return why a reading cannot follow the last one of its kind: a key and a sentence.
+    """Return why a reading cannot follow the last reading of its kind: a key and a sentence.
 
-    Both are empty if it can. After a jump back by more than a second (a looping bag, a restarted
-    simulation), time starts again, with the key `RESTARTED`.
+    Both are empty if it can. A jump back by more than a second (a looping bag, a restarted
+    simulation) is a restart of time, with the key `RESTARTED`.
     """
     if stamp_ns <= 0:
         return 'no_stamp', f'{what} without a header stamp'
@@ -49,9 +49,9 @@ class StampGate:
     before_ns: int | None = None
 
     def fault(self, what: str, stamp_ns: int) -> tuple[str, str]:
-        """Return why a message cannot follow the last one, as in `stamp_fault`.
+        """Return why a message cannot follow the last message, as in `stamp_fault`.
 
-        The key `AHEAD` means that it can, but that the last message must be ignored.
+        The key `AHEAD` means that the message is valid, but the last message must be ignored.
         """
         reason, sentence = stamp_fault(what, self.last_ns, stamp_ns)
         if reason == RESTARTED and self.before_ns is not None and stamp_ns > self.before_ns:
@@ -81,9 +81,9 @@ Stamps = npt.NDArray[np.int64]
 def match_stamps(
     wanted_ns: Stamps, stamp_ns: Stamps, reach_ns: float
 ) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """For each of these stamps, return the nearest of increasing ones (at least one), and if near.
+    """Match each stamp with the nearest of increasing stamps; also return whether it is near.
 
-    Of two equally near stamps it is the earlier one; near: within reach_ns, half a period.
+    Of two equally near stamps, the earlier one is matched; near: within reach_ns, half a period.
     """
     after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, max(len(stamp_ns) - 1, 1))
     before = after - 1

@@ -1,7 +1,6 @@
-"""Restricts linear algebra to one thread per process, because matrices here are small.
+"""Restricts linear algebra to one thread per process, because all matrices are small.
 
-Several threads wait for each other and, on a busy machine, for a core: next to another process, a
-diagnosis took 74 s with several threads and 22 s with one.
+Several threads wait for each other and, on a busy machine, for a core.
 """
 
 from __future__ import annotations

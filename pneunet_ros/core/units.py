@@ -70,12 +70,12 @@ def millimeters(length: float) -> float:
 
 
 def as_weight(force: float) -> str:
-    """Write the size of a force (N) and the mass of this weight: a wrong unit then shows."""
+    """Format a force (N) with the mass of this weight, which makes a wrong unit obvious."""
     return f'{force:.3g} N, the weight of {1e3 * force / STANDARD_GRAVITY:.4g} g'
 
 
 def seconds_between(one_ns: int, other_ns: int) -> float:
-    """Return the seconds between two stamps, never negative: an age or a gap."""
+    """Return the seconds between two stamps (an age or a gap), never negative."""
     return abs(seconds_since(one_ns, other_ns))
 
 
@@ -98,8 +98,8 @@ def quantity(
     """Declare a dataclass field that is a physical quantity.
 
     unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
-    which the value is expected before any data. prior_scales: whether it is that of the paper's
-    arm, and scales with the size of another one (`effects/arm_size.py`). source: where the default
+    which the value is expected before any data. prior_scales: whether the prior is for the paper's
+    arm, and scales with the size of other arms (`effects/arm_size.py`). source: where the default
     or the bounds come from. shape: whether the quantity describes the form of an effect, not its
     size.
     """

@@ -1,1 +1,1 @@
-"""Compiled kernels: how they are compiled, linked, kept, and waited for."""
+"""Compiled kernels: compilation, linking, cache, and waiting for them."""

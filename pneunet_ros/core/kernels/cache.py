@@ -1,7 +1,7 @@
-"""The kernel cache: where it is, whether it is complete, and the process that fills it.
+"""The kernel cache: its location and state, and the process that fills it.
 
-A marker file, named by a hash of everything that compiled kernels depend on, shows that they are
-cached. `pneunet compile` writes it after calling every kernel.
+A marker file, named by a hash of all dependencies of the compiled kernels, shows that the kernels
+are cached. `pneunet compile` writes it after calling every kernel.
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ def processor() -> str:
 
 
 def kernels_kept() -> bool:
-    """Whether the kernels are cached, or never will be.
+    """Whether the kernels are cached or cannot be cached.
 
-    They cannot be cached without numba or without a writable folder.
+    Caching requires numba and a writable folder.
     """
     return not jit.HAVE_NUMBA or kept_file().exists() or not may_keep()
 
@@ -87,14 +87,14 @@ def note_kept() -> None:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Hold the lock for compiling these kernels; waits for other processes."""
+    """Context manager: hold the lock for compiling these kernels; waits for other processes."""
     with lock_file().open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def being_compiled() -> bool:
-    """Whether a process compiles these kernels now."""
+    """Whether a process is compiling these kernels."""
     with lock_file().open('w') as file:
         try:
             # Shared: of two that look at once neither takes the other for one that compiles.
@@ -112,7 +112,7 @@ def lock_file() -> Path:
 
 
 def answer_first() -> None:
-    """Run uncached kernels as plain Python; call this before importing any."""
+    """Run uncached kernels as plain Python; call before importing any kernel."""
     if not kernels_kept():
         jit.answer_first()
 
@@ -120,8 +120,8 @@ def answer_first() -> None:
 def compile_meanwhile() -> None:
     """Compile the kernels in the background, and use them as soon as they are cached.
 
-    Another thread waits for them and installs them. If compiling fails, plain Python stays in use,
-    because a kernel that is compiled when called would delay the answers.
+    Another thread waits for the kernels and installs them. If compiling fails, plain Python
+    remains in use, because compiling a kernel when it is called would delay the results.
     """
 
     def take_over() -> None:
@@ -146,7 +146,7 @@ def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
     """Wait for the process that compiles the kernels; start it unless one is running.
 
     If this process ends, the compilation continues. If a compilation by another process fails,
-    this process starts it again.
+    this process restarts it.
     """
     process = None
     while not kernels_kept():

@@ -1,8 +1,7 @@
 """Compile the kernels if numba is installed; otherwise they run as plain Python.
 
-The kernels of this package are written so that both ways give the same numbers. Contraction to
-fused multiply-adds, and the order of sums in those that are `summing`, are the only relaxations of
-IEEE arithmetic: NaN stays NaN.
+Both ways give the same numbers. Contraction to fused multiply-adds, and the order of sums in
+`summing` kernels, are the only relaxations of IEEE arithmetic: NaN remains NaN.
 
 A process that must respond at once calls `answer_first` before it imports any kernel. Kernels that
 are not cached then run as plain Python until `use_compiled` replaces them (`core.kernels.cache`
@@ -44,8 +43,8 @@ INNER_KERNELS: dict[Callable[..., Any], Any] = {}
 def fingerprint(package: Path) -> str:
     """Hash all files of a package that affect its kernels: those that import this module.
 
-    Kernels call kernels and use constants of other files, hence one hash for all. Files without
-    kernels import this module, but not from it.
+    One hash covers all files, because kernels call kernels and use constants of other files. Files
+    without kernels import this module, but no names from it.
     """
     whole = hashlib.sha256()
     for folder, folders, names in os.walk(package):
@@ -79,12 +78,12 @@ WAITING = Waiting()
 
 
 def answer_first() -> None:
-    """Run kernels imported from now on as plain Python until `use_compiled`."""
+    """Run kernels imported after this call as plain Python until `use_compiled`."""
     WAITING.expected = HAVE_NUMBA
 
 
 def is_waiting() -> bool:
-    """Whether kernels run as plain Python only until they are replaced by compiled ones."""
+    """Whether kernels run as plain Python until they are replaced by compiled ones."""
     return WAITING.expected
 
 
@@ -94,7 +93,7 @@ def is_compiled() -> bool:
 
 
 def state_of_kernels() -> str:
-    """Return 'compiled', or why the kernels run as plain Python."""
+    """Return 'compiled', or the reason for running the kernels as plain Python."""
     if is_compiled():
         return 'compiled'
     return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'
@@ -103,8 +102,8 @@ def state_of_kernels() -> str:
 def kernel(function: Function) -> Function:
     """Compile a kernel and cache it on disk; without numba, return it unchanged.
 
-    A cached kernel is recompiled when any of the files has changed. Numba alone only checks
-    the file of the kernel, and would keep using old equations from other files.
+    A cached kernel is recompiled when any of the files has changed. Numba itself only checks the
+    file of the kernel, and would keep using outdated equations from other files.
     """
     return compiled_or_plain(function, KERNEL)
 
@@ -177,8 +176,8 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
 def keep(compiled: Any) -> None:
     """Cache a kernel on disk for all callers, or give each caller a copy.
 
-    The latter if there is no writable folder, neither next to its file nor in the home folder, or
-    if numba has no such cache.
+    Each caller gets a copy if there is no writable folder, neither next to its file nor in the
+    home folder, or if numba has no such cache.
     """
     try:
         from pneunet_ros.core.kernels.links import link
@@ -192,8 +191,8 @@ def keep(compiled: Any) -> None:
 def numbers_and_arrays_first() -> None:
     """Make numba resolve arithmetic and array access first.
 
-    By default it tries them last, after those of strings, lists and all kinds of arrays. The
-    result is the same, but this order halves the time of type inference.
+    By default, numba tries them last, after strings, lists and all kinds of arrays. The result is
+    the same, but this order halves the time of type inference.
     """
     from numba.core.typing import arraydecl, builtins
     from numba.core.typing.templates import infer_global

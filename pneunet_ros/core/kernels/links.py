@@ -1,8 +1,9 @@
-"""Kernels call each other by symbol, as programs call a shared library.
+"""Linking of kernels by symbol, as programs call a shared library.
 
-By default, numba copies all callees into a function, because its cache entries must run alone;
-nearly half of the compiled code were copies. Here a kernel has its own symbol in the process, its
-callers know only this symbol, and their cache entries list the kernels to load first.
+By default, numba copies all callees into a function, because its cache entries must be
+self-contained; nearly half of the compiled code would be copies. With linking, a kernel has its
+own symbol in the process, callers refer only to this symbol, and their cache entries list the
+kernels to load first.
 """
 
 from __future__ import annotations
