@@ -82,7 +82,7 @@ class BoundaryValueProblem:
         )
 
     def refine_as(self, known: SolverNodes, finest: float) -> None:
-        """Refine the mesh at once where that of a neighboring solution had to be refined.
+        """Refine the mesh where the mesh of a neighboring solution had to be refined.
 
         finest (m): the detail that a mesh must resolve.
         """
@@ -159,7 +159,7 @@ class BoundaryValueProblem:
         return ''
 
     def solution(self) -> SolverNodes:
-        """Return the current nodes, frozen; the problem can then only continue on a new mesh."""
+        """Return the current nodes, frozen; the problem can continue on a new mesh only."""
         return SolverNodes(
             panels=freeze(self.panels),
             ends=freeze(self.ends.copy()),

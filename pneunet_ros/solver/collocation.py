@@ -127,7 +127,7 @@ def prepare(
 
 @kernel
 def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
-    """Set the unloaded rod: no moment, theta turns with the intrinsic curvature."""
+    """Set the nodes to the unloaded rod: zero moment, theta follows the intrinsic curvature."""
     theta = ends[col.CLAMP_ANGLE]
     for p in range(len(panels)):
         node, panel = nodes[p], panels[p]
@@ -258,9 +258,9 @@ def blend(nodes: Array, share: float, other: Array, out: Array) -> None:
 def newton(
     panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
-    """Run Newton's method from the given nodes, in place; a step that does not help is halved.
+    """Run Newton's method from the given nodes, in place, with step halving.
 
-    It stops at `tolerance` (rad), or when rounding prevents any further improvement. Returns the
+    Stops at `tolerance` (rad), or when rounding prevents any further improvement. Returns the
     residual (rad) and the number of steps. The nodes solve the equations only if the residual is
     at most ACCEPTED.
     """

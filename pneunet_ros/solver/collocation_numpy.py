@@ -1,8 +1,8 @@
 """Newton's method of `collocation` in numpy, with one dense matrix and pivoting.
 
-This is the solver without numba, or until the kernels are compiled. The other kernels then run as
-plain Python, which is fast enough for rods with a few panels. It shares no arithmetic with the
-compiled solver, so it also serves as a cross-check.
+Used without numba, or until the kernels are compiled. The other kernels then run as plain Python,
+which is fast enough for rods with a few panels. This solver shares no arithmetic with the compiled
+one, so it also serves as a cross-check.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Named columns of every table of the solver, and how to read a row.
+"""Named columns of every table of the solver, and functions to read a row.
 
-Add a column here: kernels access every entry by its name, and allocate by the widths. For a
-quantity at the four Gauss points of a panel, the name is that of the first of four columns.
+New columns are added here: kernels access every entry by its name, and allocate by the widths. For
+a quantity at the four Gauss points of a panel, the name refers to the first of four columns.
 """
 
 from __future__ import annotations

@@ -91,8 +91,8 @@ def headings_through(
 ) -> int:
     """Fill the arclengths (m) and headings (rad) of an arm through points (2, targets) m.
 
-    The chord from one point to the next has the heading of its middle. Returns how many of
-    (targets + 2,) are filled; 0 if no point is seen.
+    The heading at the middle of a chord is that of the chord. Returns the number of filled entries
+    of (targets + 2,); 0 if no point is seen.
     """
     at[0] = last = x = y = turns = 0.0
     heading[0] = before = clamp
@@ -118,7 +118,7 @@ def headings_through(
 def start_along(panels: Array, ends: Array, at: Array, heading: Array, nodes: Array) -> None:
     """Set nodes to a shape: heading (n,) rad at these arclengths (n,) m.
 
-    The moment is the one with which the load at the free end would hold this shape.
+    The moment is in equilibrium with the load at the free end.
     """
     force_x, force_y = ends[col.END_X], ends[col.END_Y]
     moment = before = s_before = 0.0
@@ -154,7 +154,7 @@ def solve_frames(
     most_iterations: int,
     tolerance: float,
 ) -> int:
-    """Solve the rods from `first` on; returns the first that Newton's method did not solve.
+    """Solve the rods from `first` on; return the first that Newton's method did not solve.
 
     loads (n, 3) of F1, F2, M. Fills nodes, known, fields and detail of the frames.
     """

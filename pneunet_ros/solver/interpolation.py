@@ -51,7 +51,7 @@ LEADING_OF_LEGENDRE = 252.0  # of the shifted Legendre polynomial of degree five
 def panel_bending(
     panels: Array, nodes: Array, p: int, out: Array, row: int
 ) -> tuple[float, float]:
-    """Compute kappa - kappa0 of panel p at POINTS, into the first six of a row of out.
+    """Compute kappa - kappa0 of panel p at POINTS, into the first six entries of a row of out.
 
     Returns the displacement over the panel in x and y, by the quadrature of the collocation.
     """
@@ -104,10 +104,10 @@ def panel_series(
 ) -> float:
     """Integrate x', y', M' and kappa - kappa0 over panel p, as powers of v, into series (4, 9).
 
-    v = -1 at the start of the panel and 1 at its end. The small difference at its end to the
-    values of the collocation, which are best there, is spread over the panel. The table of
-    curvature is searched from `piece` on; work (9, 8) is scratch. Returns the error (rad) of the
-    angle: that of the collocation against the integral of its own curvature.
+    v = -1 at the start of the panel and 1 at its end. The small difference at its end from the
+    values of the collocation, which are most accurate there, is distributed over the panel. The
+    table of curvature is searched from `piece` on; work (9, 8) is scratch. Returns the error (rad)
+    of the angle: that of the collocation against the integral of its own curvature.
     """
     h, law, mechanics, _ = read_panel(panels, p)
     axial, rest, n1, n2, q1, q2 = mechanics
@@ -164,12 +164,12 @@ def panel_series(
 
 @kernel
 def resolution(panels: Array, nodes: Array, knots: Array, rotation: Array) -> float:
-    """Return the size (m) of the finest resolved detail; it is tiny on a fine enough mesh.
+    """Return the size (m) of the finest detail, tiny on a sufficiently fine mesh.
 
-    It is the largest contribution of the Legendre term of degree five to the position, over all
-    panels. With a cubic moment law, the curvature can have detail that neither the position nor
-    the Gauss points show: then the error of the angle between them, times the length of the rod,
-    counts too.
+    The size is the largest contribution of the Legendre term of degree five to the position, over
+    all panels. With a cubic moment law, the curvature can have detail that is invisible in the
+    position and at the Gauss points; the error of the angle between them, times the length of the
+    rod, is then included.
     """
     worst, missed = 0.0, 0.0
     work = np.empty((ROWS, INNER))

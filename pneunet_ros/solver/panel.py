@@ -1,8 +1,7 @@
 """The equations of one panel of the rod (Eq 4) at four Gauss points, and their linearization.
 
-Everything here works on plain numbers and tuples, without branches in the common case, so that the
-same code serves one rod and a loop over many rods that the compiler turns into vector
-instructions.
+All functions take plain numbers and tuples, without branches in the common case, so that the same
+code serves a single rod and a vectorized loop over many rods.
 """
 
 from __future__ import annotations
@@ -48,8 +47,7 @@ PI_LOW = 1.2154201256553420e-10  # pi - PI_HIGH, 53 bits further
 def sine_cosine(x: float) -> tuple[float, float]:
     """Return sine and cosine by Taylor series on [-pi/2, pi/2], to 5e-16.
 
-    There are no branches or tables, so that loops over rods vectorize; 8 times as fast as libm
-    here.
+    Without branches or tables, so that loops over rods vectorize; 8 times as fast as libm.
     """
     k = np.floor(x * ONE_OVER_PI + 0.5)
     r = (x - k * PI_HIGH) - k * PI_LOW

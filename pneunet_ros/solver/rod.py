@@ -1,4 +1,4 @@
-"""The record of the rod: all that the equilibrium equations need to know about an arm."""
+"""The rod record: all properties of an arm in the equilibrium equations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pneunet_ros.solver.columns import LOAD_X, LOAD_Y
 
 
 class Rods(NamedTuple):
-    """Records of one arm at several pressures, as the kernels take them.
+    """Records of one arm at several pressures, in the form used by the kernels.
 
     length m; pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 5)
     with the columns of `solver.columns`, the same along each section; knots (pieces + 1,) m and

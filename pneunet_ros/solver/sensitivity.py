@@ -119,8 +119,8 @@ def sensitivities(
 
     panel_changes (further causes, panels, 16) and end_changes (further causes, 6) are inputs;
     node_changes (3 + further causes, panels + 1, 6) and tip_changes (3 + further causes, 3) are
-    outputs. Stable means that no bending that the clamp allows leaves the energy unchanged before
-    the free end (Jacobi's condition), valid for positive rigidity under dead load.
+    outputs. Stable: no admissible bending leaves the energy unchanged before the free end
+    (Jacobi's condition); valid for positive rigidity under dead load.
     """
     count, causes = len(panels), col.LOADS + len(panel_changes)
     scale = scale_of_moments(panels)

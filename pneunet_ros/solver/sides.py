@@ -1,6 +1,6 @@
-"""Solutions to both sides of a solution along a tangent, for the error of a linearization.
+"""Solutions on both sides of a solution along a tangent, for the error of a linearization.
 
-`sensitivities` gives the tangent, Newton's method the rods to both sides.
+`sensitivities` gives the tangent, Newton's method the rods on both sides.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ UNSTABLE, STABLE, NOT_DEFINED = range(3)  # stability of the same kind
 
 
 class Response(NamedTuple):
-    """A solved rod and its response to loads and further causes, as the kernels take it.
+    """A solved rod and its response to loads and further causes, in the form used by the kernels.
 
     panels, ends and nodes of the solution; knots (pieces + 1,) m and rotation (pieces, 5): as in
     `Rods`. panel_changes (further, panels, 16), end_changes (further, 6) and rotation_changes
@@ -98,8 +98,8 @@ def settle(
 ) -> bool:
     """Solve the rod from the end of a tangent; return whether it is a neighbor of the start.
 
-    It is none if Newton's method moves further than the tangent, reach (rad), or to a rod of
-    different stability.
+    False if Newton's method moves further than the tangent, reach (rad), or to a rod of different
+    stability.
     """
     predicted = np.empty_like(nodes)
     write(nodes, predicted)

@@ -9,10 +9,10 @@ loads, Lagrange's equations in the momenta p = dT/dq' are
     q' = A^-1 (p - A_e),   p' = d(T - V)/dq - damping,
 
 A (shapes, shapes) the inertia of the shapes and A_e that of the moving equilibrium against them.
-Momenta are continuous when the pressure begins to rise. T is that of the motion in space, so that
+Momenta are continuous when the pressure begins to rise. T is the kinetic energy in space, so that
 Euler, centrifugal and Coriolis forces act if the base turns; before and after, p is relative to
 the base. Damping is of the Kelvin-Voigt type: damping_time times the stiffness of a joint times
-the rate at which it bends.
+its bending rate.
 """
 
 from __future__ import annotations
@@ -361,8 +361,8 @@ def add_unknown_course(covariance: Array, step: Array, steps: int, change: Array
     """Add the covariance of a change at an unknown instant between two readings, in place.
 
     change (shapes,): of the equilibrium, in units of q; step: transition over one of the steps
-    between the readings. A change at once, at any instant with equal probability, is on average
-    the change along a line that `advance` follows; its covariance is the spread about that.
+    between the readings. The mean of a step at an unknown instant, uniformly distributed, is the
+    linear change that `advance` follows; the covariance is that of the step about this mean.
     """
     size = covariance.shape[0]
     late, early, mean = np.zeros(size), np.empty(size), np.zeros(size)
@@ -403,8 +403,8 @@ def advance_chain(
     """Advance a chain in place; moments (shapes, n) N m: those of the shapes.
 
     before, after: its equilibrium at either end. turned (shapes,) 1/s: rate of the equilibrium
-    relative to the base until `before`, in units of q, and then until `after`. What its change
-    since then and the change of its rate have in common may have come at any instant, see
+    relative to the base until `before`, in units of q, and then until `after`. The common part of
+    the change since then and the change of the rate may have happened at any instant, see
     `add_unknown_course`.
     """
     count = moments.shape[0]
@@ -592,11 +592,11 @@ def follow_swing(
     """Advance a chain to the equilibrium of a solved rod, and return its position there.
 
     solved: tables of the rod, whose links are written into after. swing is advanced in place;
-    steps: 0 if it is at rest, on a base that is at rest, and `before` is not used. Other arguments
-    as in `advance_chain`. Fills at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and
-    the tip: x, y (m), theta (rad) relative to the equilibrium, then their changes per q of each
-    shape; at_joints (2 + shapes, n + 1), at the joints and the tip: curvature (1/m) and moment
-    (N m) relative to the equilibrium, then the change of curvature per q; tip (5,): its velocity
+    steps: 0 if arm and base are at rest, and `before` is not used. Other arguments as in
+    `advance_chain`. Fills at_nodes (3 + 3 shapes, n + 2), at the clamp, the link centers and the
+    tip: x, y (m), theta (rad) relative to the equilibrium, then their changes per q of each shape;
+    at_joints (2 + shapes, n + 1), at the joints and the tip: curvature (1/m) and moment (N m)
+    relative to the equilibrium, then the change of curvature per q; tip (5,): its velocity
     relative to the base (m/s, rad/s), and its velocity in x, y if the equilibrium stopped.
     """
     panels, ends, nodes = solved
@@ -664,8 +664,8 @@ def widen(
 ) -> None:
     """Add the uncertainty of a swing to standard deviations, in place.
 
-    The noise of a reading moves the equilibrium at once and the arm later, each shape at its own
-    rate, so that errors across the direction of the equilibrium no longer cancel.
+    The noise of a reading moves the equilibrium at once, and the arm with a delay that differs
+    between shapes, so that errors across the direction of the equilibrium no longer cancel.
 
     relative (2,): one sigma of mass and damping; left_out m of the tip, in each shape; length (m)
     of the arm; by_reading (readings, 3): change of x, y (m), theta of the tip in equilibrium by

@@ -1,7 +1,7 @@
 """Follow a rod from a neighbor: the usual case, in one kernel.
 
 From one reading to the next, the solution is nearly always near the previous one, on the same
-mesh. If it is not, `boundary_value_problem` solves it, with the same functions.
+mesh. Otherwise, `boundary_value_problem` solves the rod with the same functions.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def follow(
 ) -> tuple[bool, float, int]:
     """Solve a rod from the panels and nodes of a neighbor, in place, on the same mesh.
 
-    counts (sections,): the panels of that mesh on each section; finest (m): the detail that it
-    must resolve; coarser, shortest: as in `SolverSettings`. Fills panels, nodes and the fields
-    (6, stations) at stations of increasing arclength (m). Returns whether the rod is in
+    counts (sections,): the panels of the mesh on each section; finest (m): the detail that the
+    mesh must resolve; coarser, shortest: as in `SolverSettings`. Fills panels, nodes and the
+    fields (6, stations) at stations of increasing arclength (m). Returns whether the rod is in
     equilibrium (stable, if stability is defined), the residual (rad), and the number of Newton
     steps. If the first is False, another mesh or another start is needed.
     """
