@@ -1,10 +1,9 @@
-"""The size of an arm relative to the paper's, by which priors written for that arm are scaled.
+"""The size of an arm relative to the paper's arm, which scales priors of effects.
 
-A load of 0.1 N is large for an arm of 0.1 m with a stiffness of 1e-4 N m^2 and nothing for one ten
-times as long and a thousand times as stiff. What is expected of an effect before any data is
-therefore written for the paper's arm and multiplied by the ratios of length, force (bending
-stiffness / length^2) and pressure that make its unit. Seconds belong to valves and cameras, and
-are not scaled.
+A load of 0.1 N is large for an arm of 0.1 m with a stiffness of 1e-4 N m^2, and negligible for an
+arm ten times as long and a thousand times as stiff. The prior of an effect is therefore defined
+for the paper's arm and multiplied by the ratios of length, force (bending stiffness / length^2)
+and pressure that make up its unit. Times belong to valves and cameras, and are not scaled.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ DIMENSIONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSize:
-    """How many times as long, as strong and as pressed as the paper's arm an arm is."""
+    """Ratios of length, force scale and pressure to those of the paper's arm."""
 
     length: float = 1.0
     force: float = 1.0

@@ -11,7 +11,7 @@ from pneunet_ros.effects.effect import Effect, Place
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraDelay(Effect):
-    """A frame stamped t shows the arm of t - delay."""
+    """A frame stamped t shows the arm at t - delay."""
 
     name: ClassVar[str] = 'camera_delay'
     place: ClassVar[Place] = 'sensing'

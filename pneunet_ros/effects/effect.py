@@ -22,7 +22,7 @@ mechanics   initial, actuate,             what a history of its own adds to thes
 motion      motion                        mass and damping of an arm that is not at rest
 =========== ============================= ========================================================
 
-`Terms` is the record of everything that can be added to the rod, along all of it or on a part; the
+`Terms` is the record of all contributions to the rod, along its whole length or on a part; the
 solver needs only these. `terms` depend on the pressure alone, `load_terms` on pressure and end
 load. A history is a tuple of numbers. The default of every parameter is neutral: an effect with
 all defaults does nothing.
@@ -141,7 +141,7 @@ class Terms:
     Only rigidity factors are multiplied. Each term is a number or an array (pressures,). Units:
     moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m, curvature
     1/m (of the intrinsic one), push N, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
-    They apply to the whole length, or to a part; those of clamp and load have no part. A push is
+    Terms apply to the whole length, or to a part; terms of clamp and load have no part. A push is
     distributed evenly over its part, along the normal (-sin theta, cos theta) at its middle, for
     any shape. If the curvature does not depend on the pressure alone, its share row_share is a
     mixture of the rows of the table of kappa_p0, with row_weights (rows,) or (pressures, rows).
@@ -218,9 +218,9 @@ NO_TERMS = Terms()
 class Effect(abc.ABC):
     """A physical effect on top of the base model, in one of the five places listed above.
 
-    law_error: relative standard deviation of the parameters because the law is simple: no real arm
-    follows a law with few parameters exactly, so the fitted parameters depend on how the arm was
-    moved. An effect with a coarser law sets a larger value and gives the reason.
+    law_error: relative standard deviation of the parameters due to the simplicity of the law: no
+    real arm follows a law with few parameters exactly, so the fitted parameters depend on the
+    motion of the arm. An effect with a coarser law sets a larger value and gives the reason.
     """
 
     name: ClassVar[str]
@@ -237,7 +237,7 @@ class Effect(abc.ABC):
         return load
 
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the measured positions of points that are truly at x, y (m, base frame)."""
+        """Return the measured positions of points at true x, y (m, base frame)."""
         return x, y
 
     @property
@@ -248,7 +248,8 @@ class Effect(abc.ABC):
     def initial(self, pressure: float, scale: PressureScale) -> History:
         """Return the history of an arm that has always been at this pressure (Pa).
 
-        `history_terms` of it add nothing: what a pressure does at rest belongs to `terms`.
+        `history_terms` of this history are zero, because the effect of a pressure at rest belongs
+        to `terms`.
         """
         return ()
 

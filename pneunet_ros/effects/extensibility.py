@@ -1,4 +1,4 @@
-"""The arm stretches under axial force, by which the paper explains its error of F1."""
+"""The arm stretches under axial force, the paper's explanation of its error of F1."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from pneunet_ros.effects.effect import Effect, Load, Place
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceMisalignment(Effect):
-    """True force = R(angle) reading; the end moment does not change."""
+    """True force = R(angle) reading; the end moment is unchanged."""
 
     name: ClassVar[str] = 'force_misalignment'
     place: ClassVar[Place] = 'sensing'

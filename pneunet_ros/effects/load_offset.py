@@ -14,8 +14,8 @@ from pneunet_ros.effects.effect import Effect, Place, Terms
 class LoadOffset(Effect):
     """The load acts at tip + offset x normal, normal = (-sin theta, cos theta) at the tip.
 
-    So does the weight of `tip_mass`, as of a fitting to which the load is tied; its inertia acts
-    at the tip.
+    The weight of `tip_mass` (such as a fitting to which the load is tied) acts there, too; its
+    inertia acts at the tip.
     """
 
     name: ClassVar[str] = 'load_offset'

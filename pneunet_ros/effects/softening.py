@@ -18,9 +18,9 @@ class Softening(Effect):
     """Rigidity x (1 - loss p_max / p_range) while p is below the largest pressure so far.
 
     p_range is the upper end of the calibrated range and limits p_max. A reading counts as below
-    p_max only if the difference exceeds sensor noise: noise alone must not make an arm soft that
-    rests at p_max. History: p_max (Pa), and 1 if p is below it, else 0. Starts unconditioned (no
-    prior loading).
+    p_max only if the difference exceeds sensor noise, so that noise alone does not soften an arm
+    that rests at p_max. History: p_max (Pa), and 1 if p is below it, else 0. Starts unconditioned
+    (no prior loading).
     """
 
     name: ClassVar[str] = 'softening'
@@ -39,7 +39,7 @@ class Softening(Effect):
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Return the history of an arm that was never inflated further."""
+        """Return the history of an arm whose largest pressure so far is this one."""
         return (pressure, 0.0)
 
     def actuate(

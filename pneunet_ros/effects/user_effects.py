@@ -106,7 +106,7 @@ def module_of(file: Path) -> ModuleType:
 
 
 def reason(error: Exception | SystemExit) -> str:
-    """Describe an error raised by code of others."""
+    """Describe an error raised by user code."""
     line = getattr(error, 'lineno', None)
     where = f' (line {line})' if line else ''
     return f'{type(error).__name__}: {error}{where}'
