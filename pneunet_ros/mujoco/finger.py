@@ -14,8 +14,8 @@ from pneunet_ros.mujoco.library import load_mujoco
 class Finger:
     """One finger of a MuJoCo model written by `pneunet mjcf`.
 
-    model, data: `mujoco.MjModel` and `mujoco.MjData`, possibly with other bodies. prefix: that of
-    its names, if `MjSpec.attach` has added several fingers to one model.
+    model, data: `mujoco.MjModel` and `mujoco.MjData`, possibly with other bodies. prefix: of its
+    names, if `MjSpec.attach` has added several fingers to one model.
 
     >>> finger = Finger(model, data)
     >>> finger.set_pressure(31e3)

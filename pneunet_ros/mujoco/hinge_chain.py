@@ -1,9 +1,9 @@
 """A finger as a chain of hinges, and its MJCF.
 
-Each hinge represents a part of the finger and is in its middle, so the first hinge is half a link
-from the clamp; the links are straight and carry the mass. The angle of a hinge under a bending
-moment M is rest + M / stiffness. Statics are second-order accurate in the length of a link: with
-56 links, a 112 mm finger is within 0.02 mm of the rod.
+Each hinge is in the middle of the part of the finger that it represents, so the first hinge is
+half a link from the clamp; the links are straight and carry the mass. The angle of a hinge under a
+bending moment M is rest + M / stiffness. Statics are second-order accurate in the length of a
+link: with 56 links, a 112 mm finger is within 0.02 mm of the rod.
 """
 
 from __future__ import annotations
