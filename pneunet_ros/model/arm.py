@@ -1,4 +1,4 @@
-"""The arm: length, curvature, moment law and effects, combined into the record of a rod."""
+"""The arm: length, curvature, moment law and effects, combined into a rod record."""
 
 from __future__ import annotations
 
@@ -79,11 +79,11 @@ class Arm:
     of effects; `sources`: source of each number. `domain`: range of the calibration; `load_hull`:
     convex hull of its loads, None if unknown. `table_range` (Pa) is the common range of intrinsic
     curvature and moment law, `pressure_range` (Pa) its part within the domain. `gravity`:
-    direction of the weight; `motion`: None without inertia; `inertia`: `motion`, or what an effect
-    says instead of it. `sensing`, `seeing` and `acting` are the effects on readings, the effects
-    on seen points, and the effects with a history; `history_dependent` are the indices in `acting`
-    of effects whose history changes the rod; `by_load`: effects that depend on the end load and
-    are not neutral. `parted`: names of effects that act on a part of the arm, without neutral ones
+    direction of the weight; `motion`: None without inertia; `inertia`: `motion`, or the inertia of
+    an effect. `sensing`, `seeing` and `acting` are the effects on readings, the effects on seen
+    points, and the effects with a history; `history_dependent` are the indices in `acting` of
+    effects whose history changes the rod; `by_load`: effects that depend on the end load and are
+    not neutral. `parted`: names of effects that act on a part of the arm, without neutral ones
     unless these are listed in `divided` or in the covariance; curved_ends (m): ends of the parts
     with their own curvature.
     """
@@ -166,7 +166,7 @@ class Arm:
         return targets
 
     def _sort_effects(self) -> None:
-        """Sort the effects in the order of the table, and by what they act on."""
+        """Sort the effects in the order of the table, and by the part of the model they act on."""
         names = [effect.name for effect in self.effects]
         if len(set(names)) != len(names):
             raise ModelError(f'an effect is given twice: {", ".join(names)}', reason='given_twice')
@@ -221,7 +221,7 @@ class Arm:
         return self.motion
 
     def with_motion(self, motion: Motion) -> Arm:
-        """Return the arm with this inertia, instead of that of a block or an effect."""
+        """Return the arm with this inertia, which replaces that of a block or an effect."""
         effects = tuple(effect for effect in self.effects if effect.motion() is None)
         return dataclasses.replace(self, motion=motion, effects=effects)
 
@@ -339,9 +339,9 @@ class Arm:
         return cut_rotation(rotation, knots, self.curved_ends)
 
     def beyond_range(self, pressure: float) -> float:
-        """Distance of a pressure from the calibrated range, relative to the range; 0 inside.
+        """Return the distance of a pressure from the calibrated range, relative to it; 0 inside.
 
-        A distance explained by the noise of its sensor counts as inside.
+        A distance explained by sensor noise counts as inside.
         """
         low, high = self.pressure_range
         outside = max(low - pressure, pressure - high, 0.0)
@@ -487,9 +487,9 @@ class Arm:
     def build_table(self) -> RodTable:
         """Return all pressures with a row of curvature or law, and the rod records there.
 
-        The first and last row are at the limits of extrapolation. Beyond its own range the law is
+        The first and last row are at the limits of extrapolation. Beyond its own range, the law is
         constant, because an extrapolated rigidity may pass through zero, and l1 may leave the arm;
-        the limits of that range are rows, too.
+        the limits of this range are rows, too.
         """
         law, (low, high) = self.moment_law, self.table_range
         margin = EXTRAPOLATION * (high - low)
@@ -523,10 +523,10 @@ class Arm:
     ) -> Rods:
         """Return the rod record at each of these chamber pressures (n,) Pa.
 
-        history: from `actuate`, for all pressures; or per acting effect an array (n, numbers), one
-        history per pressure. None: an arm settled at each pressure. loads (n, 3): true F1, F2 (N),
-        M (N m), for effects that depend on them; None: no load. gravity (n, 2): along x and y, in
-        g; None: as in the model.
+        history: from `actuate`, for all pressures, or an array (n, numbers) per acting effect with
+        one history per pressure. None: an arm settled at each pressure. loads (n, 3): true F1, F2
+        (N), M (N m), for effects that depend on them; None: no load. gravity (n, 2): along x and
+        y, in g; None: as in the model.
         """
         pressure = frozen_array(pressure)  # kernels would be compiled again for writable arrays
         sections, rotation = self.table.at(pressure)

@@ -48,7 +48,7 @@ def solve_many(
 
     Args:
         arm: the calibrated arm.
-        pressure: that of the chamber, (n,) Pa gauge.
+        pressure: in the chamber, (n,) Pa gauge.
         force: F1, F2 on the free end, (n, 2) N, in the base frame. Loads are true loads: sensing
             effects are not applied.
         moment: on the free end, (n,) or one for all, N m.

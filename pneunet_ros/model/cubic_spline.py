@@ -1,6 +1,6 @@
 """Cubic spline interpolation of a table (C2).
 
-scipy has this too, but its import takes a quarter of a second at every start.
+Replaces scipy's implementation, whose import takes a quarter of a second at every start.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ def cubic_spline(knots: Array, values: Array) -> Array:
     """Return the pieces of the cubic spline through values at knots, not-a-knot at both ends.
 
     knots (n,) increase, n >= 2; values (..., n). Returns (..., n - 1, 4): ascending powers of the
-    distance from the start of each piece. With two knots it is a line, with three a parabola.
+    distance from the start of each piece. Two knots give a line, three a parabola.
 
     Source: de Boor, A Practical Guide to Splines, Springer 1978, chapter IV.
     """

@@ -1,8 +1,8 @@
-"""The domain of a model: the pressures and end loads that its calibration spanned.
+"""The domain of a model: the pressures and end loads spanned by its calibration.
 
-Inside it, the covariance of the model covers its errors. Slightly outside, the model is
-extrapolated, with a warning; further out there is no estimate. `locate_load` is the only rule for
-this.
+Inside the domain, the covariance of the model covers its errors. Slightly outside, the model is
+extrapolated, with a warning; further out, there is no estimate. `locate_load` is the only place
+that decides this.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ class Domain:
 
     pressure: lowest and highest, Pa gauge; end_load (loads, 4): F1, F2 (N), M (N m), p (Pa), the
     vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm is
-    always inside, at every pressure: that is kappa_p0. largest_force (N), largest_end_moment (N
-    m): the largest in the calibration.
+    always inside, at every pressure, because kappa_p0 describes it. largest_force (N),
+    largest_end_moment (N m): the largest in the calibration.
     """
 
     pressure: tuple[float, float]
@@ -134,9 +134,9 @@ class Domain:
 class LoadHull:
     """The convex hull of the loads of a domain, in newtons in all directions.
 
-    scale (4,) converts F1, F2, M and p to newtons: a moment counts as the force that produces it
-    at the length of the arm, the whole range of pressure as the largest load. points (n, 4) N;
-    size: the largest load, N.
+    scale (4,) converts F1, F2, M and p to newtons: a moment is converted to the force that
+    produces it at the length of the arm, and the whole range of pressure to the largest load.
+    points (n, 4) N; size: the largest load, N.
     """
 
     scale: Array
@@ -146,7 +146,7 @@ class LoadHull:
     def way_out(self, at: Array) -> Array:
         """Return the vector (4,) N from the nearest point of the hull to a scaled load (4,) N.
 
-        Inside the hull it is zero, except for rounding.
+        Zero inside the hull, except for rounding.
         """
         way = np.empty(4)
         way_from_hull(self.points, at, way)
@@ -205,8 +205,8 @@ def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) ->
     """Return the domain spanned by the given loads, with few vertices.
 
     end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): the range of its
-    tables. The load furthest from the hull of the chosen loads is added next, until all others are
-    within `THINNING` of the hull. Numbers have six digits.
+    tables. Greedy selection: the load furthest from the hull of the selected loads is added next,
+    until all others are within `THINNING` of the hull. Numbers are rounded to six digits.
     """
     loads = np.array(end_load)
     loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)

@@ -1,6 +1,6 @@
 """Position of a load relative to the domain of a model: inside, slightly outside or far outside.
 
-Estimator, replay, verbs and reports use this same rule.
+Estimator, replay, verbs and reports all use this rule.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def locate_load(
 def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple[float, float]:
     """Return the distance of a load (4,) from the domain, relative to its size, and in N.
 
-    NaN if there is a load above its noise (4,), but the arm has no domain.
+    NaN if the load exceeds its noise (4,) but the arm has no domain.
     """
     acting = at[:PRESSURE]
     if not any(acting):

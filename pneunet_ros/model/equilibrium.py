@@ -67,12 +67,12 @@ CONVERGED = {  # status of an equilibrium, by its stability
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity:
-    """Response of a solved rod to unit changes of F1, F2, M and further causes, in this order.
+    """Response of a solved rod to unit changes of the causes: F1, F2, M and further ones.
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
     The remaining fields are for `stations`: the solution with its changes per single cause
-    (causes, panels + 1, 6), the changes of its panels, ends and table of rotation per further
-    cause, and that table. mixing (causes, single causes): the share of each single cause in each
+    (causes, panels + 1, 6), the changes of its panels, ends and rotation table per further cause,
+    and the rotation table. mixing (causes, single causes): the share of each single cause in each
     cause, because effects depend on the end load or push along a normal that turns; None if every
     cause is single.
     """
@@ -233,9 +233,9 @@ def solve_rod(
 ) -> Shape:
     """Return the shape of the first of these records, at the chamber pressure, under a true load.
 
-    start: a neighboring solution; None: start without one; arclength (stations,) m. quick: whether
-    to give up if the search would take many small steps, or seems to diverge. The directions of
-    pushes along the normal of the arm are solved for; stability treats them as dead loads.
+    start: a neighboring solution; None: no initial guess; arclength (stations,) m. quick: whether
+    to give up if the search would take many small steps, or seems to diverge. Pushes along the
+    normal follow the arm; stability treats them as dead loads.
     """
     if not rods.push.any():
         return solve_dead_loads(arm, rods, load, start, arclength, settings, quick)
@@ -258,7 +258,7 @@ def solve_pushed(
 ) -> Shape:
     """Solve a rod like `solve_rod`, with pushes that turn with it, from a neighbor.
 
-    The pushes grow in steps if their headings are not found at once, unless it must be quick.
+    If the headings are not found at once, the pushes are increased in steps, unless `quick`.
     """
     grown, step = 0.0, 1.0
     while True:
@@ -283,7 +283,7 @@ def find_headings(
     arclength: Array,
     settings: SolverSettings,
 ) -> Shape:
-    """Find the headings of pushes by Newton's method; fails where their errors do not shrink."""
+    """Find the headings of pushes by Newton's method; fails if their errors do not decrease."""
     heading, least = headings(start, rods), math.inf
     while True:
         pointed = rods.pointed(heading[None])
@@ -372,7 +372,7 @@ def solve_dead_loads(
 def follow_shape(
     rods: Rods, load: Load, start: SolverNodes, arclength: Array, settings: SolverSettings
 ) -> Shape | None:
-    """Return the shape next to a neighbor, on its mesh; None if there is none that is valid."""
+    """Solve from a neighboring shape, on its mesh; None if there is no valid shape."""
     if len(start.counts) != rods.sections.shape[1]:
         return None
     (ends,) = join_ends(rods.clamp[:1], load.row)
@@ -481,7 +481,8 @@ def linearize_shape(
 ) -> Sensitivity:
     """Linearize a solved rod: its response to the loads and to changes of its record.
 
-    The response includes how loads change the record, and how pushes rotate with the arm.
+    The response includes the change of the record by loads, and the rotation of pushes with the
+    arm.
     """
     heading, every = None, changes
     if rods.push_place.size:
@@ -545,8 +546,8 @@ def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> 
     """Return the share of each single cause in each cause, (causes, single causes).
 
     The single causes are F1, F2, M, the changes (including those by the loads), then the rotation
-    of each push. With H the rotation of the arm there per single cause, t = d H + t H of the
-    rotations.
+    of each push. With H the rotation of the arm at the pushes per single cause, the rotations
+    satisfy t = d H + t H.
     """
     pushes, total = rods.push_place.size, len(single.node_changes)
     by_load = changes is not None and changes.by_load

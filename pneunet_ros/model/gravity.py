@@ -30,7 +30,7 @@ class Gravity:
     """In-plane components of the unit vector along gravity.
 
     Both are zero if gravity is normal to the bending plane, because the weight then has no effect.
-    source of the measured direction. Empty: `base_imu`, if there is one; `FIXED`: none; `IMU`:
+    source: of the measured direction. Empty: `base_imu`, if there is one; `FIXED`: none; `IMU`:
     only `base_imu`; any other text: the name of a tf frame whose z axis points up.
     """
 

@@ -1,4 +1,4 @@
-"""An arm as a chain of hinges for MuJoCo, each of which bends like its part of the rod."""
+"""An arm as a chain of hinges for MuJoCo; each hinge bends like its part of the rod."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def hinge_chain(
 
     damping_time: s, damping over stiffness of a hinge (Kelvin-Voigt); radius: m, of the capsules,
     by default a sixteenth of the length; links: their number. Sensor effects are not part of the
-    finger, and effects with a history are at rest. Raises RequestError if the arm has an effect
-    that a chain of hinges cannot represent.
+    finger, and effects with a history are in their rest state. Raises RequestError if the arm has
+    an effect that a chain of hinges cannot represent.
     """
     pressure = table_pressures(arm)
     rods = arm.rods(pressure)

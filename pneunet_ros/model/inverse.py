@@ -1,8 +1,8 @@
 """End force and shape from the position of the tip (Figure 9 of the paper).
 
 The end force is found by the Levenberg-Marquardt method (scipy) on the position of the tip; each
-trial is a full solve of the rod. If the tip hardly moves with some force, that force is reported
-as not determined.
+trial is a full solve of the rod. A force to which the tip hardly responds is reported as not
+determined.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def solve_tip(
     start: Shape | None = None,
     stations: int = DEFAULT_STATIONS,
 ) -> Shape:
-    """Find the end force and the shape from pressure and the position of the tip (Figure 9 (b)).
+    """Estimate the end force and the shape from pressure and tip position (Figure 9 (b)).
 
     Args:
         arm: the calibrated arm.

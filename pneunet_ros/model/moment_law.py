@@ -121,7 +121,7 @@ class LinearLaw(MomentLaw):
     bending_stiffness: float = quantity(unit='N m^2', meaning='EI', bounds=(-1e9, 1e9))
 
     def __post_init__(self) -> None:
-        """Reject zero stiffness."""
+        """Reject a stiffness of zero."""
         check_quantities(self, 'moment_law')
         if self.bending_stiffness == 0.0:
             raise ModelError(

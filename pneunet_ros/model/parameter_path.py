@@ -13,7 +13,7 @@ from pneunet_ros.core.errors import ModelError
 
 
 def unknown_quantity(name: str) -> str:
-    """Return the message for a name that does not belong to a number of the model."""
+    """Return the message for a name that is not a quantity of the model."""
     return (
         f'the model has no quantity {name}; valid names are, for example, arm.length, '
         'intrinsic_curvature.curvature.3.5, moment_law.rigidity.0.1, effects.gravity.weight_y'

@@ -55,7 +55,7 @@ def with_part_load(rods: Rods, load: PartLoad) -> Rods:
 def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Perturbation:
     """Return the derivatives of a record with respect to a load on a part of the rod.
 
-    Two further causes come before those of the end load: the force (per N) and the place (per m)
+    Two causes are inserted before those of the end load: the force (per N) and the place (per m)
     of this load.
     """
     sides = [with_part_load(side, load) for side in changes.sides(rods)]
@@ -79,7 +79,7 @@ def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Pert
 def pushed_on_panels(solution: SolverNodes, rods: Rods) -> tuple[Array, Sensitivity]:
     """Return the centers (panels,) m of panels, and the sensitivity to a push on each.
 
-    The causes after F1, F2, M are a force of 1 N spread over each panel, along its normal.
+    The causes after F1, F2, M are a force of 1 N distributed over each panel, along its normal.
     """
     panels, count = solution.panels, len(solution.panels)
     middle = solution.nodes[:-1, NODE_GAUSS : NODE_GAUSS + GAUSS_POINTS].mean(axis=1)

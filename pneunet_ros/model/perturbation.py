@@ -118,8 +118,7 @@ class Perturbation:
     def moved(self, rods: Rods, amounts: Array) -> Rods:
         """Return a record (the first of `rods`) moved by amounts of each cause, (causes,).
 
-        The causes of the loads are omitted, because the record already includes the changes by the
-        loads.
+        The load causes are omitted, because the record already includes the changes by the loads.
         """
         if not amounts.any():
             return rods
@@ -158,14 +157,14 @@ class PerturbationTable:
     """An arm and its neighbors along the columns of its covariance, as one table over pressure.
 
     Curvature and moment law are linear in pressure between rows, so the records of all neighbors
-    form one linear table over the union of their rows. It includes constant contributions of
-    effects; contributions that depend on pressure or history are added at each call.
+    form one linear table over the union of their rows. Constant contributions of effects are
+    included; contributions that depend on pressure or history are added at each call.
 
     neighbors: the arm before each column, then the arm after each; sides: the arm itself and the
-    arms before each column, then the arm itself and those after. distance (1 + columns,) between
-    the sides, in Pa for the pressure and in sigma for the columns; length, knots and same_places:
-    as in `Perturbation`, independent of pressure. table, clamp: those of all sides; own: the table
-    of the arm alone.
+    arms before each column, then the arm itself and the arms after each column. distance (1 +
+    columns,) between the sides, in Pa for the pressure and in sigma for the columns; length, knots
+    and same_places: as in `Perturbation`, independent of pressure. table, clamp: those of all
+    sides; own: the table of the arm alone.
     """
 
     def __init__(self, *, arm: Arm, further: Sequence[Mapping[str, float]] = ()) -> None:
@@ -224,9 +223,9 @@ class PerturbationTable:
     ) -> tuple[Rods, Perturbation]:
         """Return the rod record at a chamber pressure (Pa), and its changes.
 
-        The causes are a sudden change of the pressure, per Pa, then each column of the covariance,
-        per sigma, then the end load if effects depend on it. The neighbors share the history of
-        the arm: the influence of parameters on the history is neglected.
+        The causes are an instantaneous change of the pressure, per Pa, then each column of the
+        covariance, per sigma, then the end load if effects depend on it. The neighbors share the
+        history of the arm; the influence of parameters on the history is neglected.
         """
         arm, step = self.arm, 0.5 * float(self.distance[0])
         at = freeze(np.array([pressure]))
@@ -327,9 +326,9 @@ class PerturbationTable:
 def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
     """Return the arms displaced to both sides along a covariance column, and the step.
 
-    column: change of each quantity by one sigma; the distance is in sigma. A side on which a
-    quantity would leave its bounds is replaced by the arm itself. Raises ModelError if this
-    happens on both sides.
+    column: change of each quantity by one sigma; the distance is in sigma. If a quantity would
+    leave its bounds on one side, the arm itself is used there (one-sided difference). Raises
+    ModelError if this happens on both sides.
     """
     sides, distance = [arm, arm], 0.0
     for side, sign in enumerate((-1.0, 1.0)):
@@ -432,9 +431,9 @@ def with_pressure_change(
     history: tuple[History, ...] | None = None,
     load: Load | None = None,
 ) -> tuple[Rods, Perturbation]:
-    """Return the rod record at a chamber pressure (Pa), its change per sudden pascal.
+    """Return the rod record at a chamber pressure (Pa), and its instantaneous change per pascal.
 
-    If effects depend on the end load, the changes by the end load come last.
+    If effects depend on the end load, its changes are appended.
     """
     step = pressure_step(arm)
     every = near_records(arm, chamber_pressure, step, history, load)

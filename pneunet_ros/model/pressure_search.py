@@ -58,7 +58,7 @@ def pressure_for_force(
 
     Returns:
         The sensor reading at that pressure, Pa gauge, and the shape; its `force` acts on the arm.
-        If there are several such pressures, it is the lowest.
+        If there are several such pressures, the lowest is returned.
 
     Raises:
         RequestError: a value is not a finite number, or no pressure of the calibrated range gives
@@ -99,7 +99,7 @@ def readings(arm: Arm) -> list[float]:
 
 
 def following(solve_at: Callable[[float, Shape | None], Shape]) -> Callable[[float], Shape]:
-    """Return the shape by pressure, each solved once, from the one before if there was one."""
+    """Return the shape as a function of pressure; each is solved once, from the previous shape."""
     previous: Shape | None = None
 
     @functools.cache
@@ -117,7 +117,7 @@ def sign_changes(
 ) -> Iterator[tuple[float, float]]:
     """Yield intervals in which a continuous function changes its sign, the lowest first.
 
-    Two changes between neighbors of the grid are found by the extremum there.
+    Two sign changes between grid neighbors are found through the extremum there.
     """
     values: list[float] = []
     for index, place in enumerate(grid):
@@ -133,7 +133,7 @@ def sign_changes(
 def least(
     value: Callable[[float], float], grid: Sequence[float], index: int, side: float = 1.0
 ) -> float:
-    """Return where `side` times a function is least between the neighbors of a grid point."""
+    """Minimize `side` times a function between the neighbors of a grid point."""
     from scipy.optimize import minimize_scalar  # slow to import, and rarely needed
 
     found = minimize_scalar(
@@ -146,7 +146,7 @@ def least(
 
 
 def zero_between(value: Callable[[float], float], low: float, high: float) -> float | None:
-    """Return where a function is zero between two signs of it; None if it jumps there."""
+    """Return the zero of a function between two signs; None if the function jumps there."""
     from scipy.optimize import brentq  # slow to import, and rarely needed
 
     try:

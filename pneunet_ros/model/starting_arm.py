@@ -20,7 +20,7 @@ RIGIDITY = (0.085, 0.05)  # B / (mg l^2), representative: the paper's arm
 def starting_arm(
     name: str, length: float, weight: float, places: Array, largest_pressure: float
 ) -> Arm:
-    """Return an evenly bending arm of this size, with invented numbers marked as such.
+    """Return an evenly bending arm of this size, with placeholder values marked as such.
 
     Args:
         name: that of the model.

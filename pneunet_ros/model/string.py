@@ -54,7 +54,7 @@ class String:
         return np.asarray(self.tension / length * (np.outer(along, along) - np.eye(2)))
 
     def check_clearance(self, x: Array, y: Array, radius: float) -> None:
-        """Reject an eye on an arm: nearer than a radius (m) to the line through points (m).
+        """Reject an eye nearer than a radius (m) to the arm, the line through points (m).
 
         x, y: (places,), or (shapes, places) of several shapes.
         """
@@ -96,8 +96,8 @@ def solve_string(
     Raises:
         RequestError: a value is not a finite number, or the eye lies on the arm.
 
-    The direction follows the tip, by Newton's method with the compliance of the tip; the tension
-    is increased in smaller steps if this does not converge.
+    The direction of the string is found by Newton's method with the compliance of the tip; if this
+    does not converge, the tension is increased in smaller steps.
     """
     check_finite(pressure=pressure, moment=moment)
     check_pair(force=force)
@@ -132,7 +132,7 @@ def solve_string(
 
 
 def settle(arm: Arm, other: Load, string: String, start: Shape) -> tuple[Shape | None, int]:
-    """Iterate from a nearby shape until the force is that of the string; count the steps.
+    """Iterate from a nearby shape until the force equals that of the string; count the steps.
 
     other: the true load without that of the string.
     """
@@ -153,7 +153,7 @@ def settle(arm: Arm, other: Load, string: String, start: Shape) -> tuple[Shape |
 
 
 def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
-    """Return the amplification of tip changes (x, y, theta) because the string rotates, (3, 3).
+    """Return the amplification of tip changes (x, y, theta) by the rotating string, (3, 3).
 
     jacobian (3, 4) of the tip under a constant force. Multiply the Jacobian, or a root of the
     covariance, by the result from the left.

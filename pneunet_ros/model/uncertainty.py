@@ -64,9 +64,9 @@ class PlacementKnown:
     """The calibrated placement of the targets.
 
     mean, std (2 targets,) m: along the arm, then across it, of all targets; factor (2 targets,
-    columns) m: change by one sigma of each column of the model's covariance; std of the rest.
-    Model and placement are estimated from the same images, so their errors are correlated. origin
-    (2,) m: offset of the base frame of these images from the neutral line at the clamp.
+    columns) m: change by one sigma of each column of the model's covariance; std: of the remaining
+    error. Model and placement are estimated from the same images, so their errors are correlated.
+    origin (2,) m: offset of the base frame of these images from the neutral line at the clamp.
     """
 
     mean: Array
@@ -103,8 +103,8 @@ class ModelCovariance:
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
     factor (quantities, columns), SI, at most 12 columns; placement of the calibrated targets, None
-    if unknown. guessed: number of columns at the end that are not constants but model error, whose
-    size the calibration guessed.
+    if unknown. guessed: number of trailing columns that are not constants but model error of a
+    size assumed by the calibration.
     """
 
     quantities: tuple[str, ...]
@@ -150,7 +150,7 @@ def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str
     """Name the model error that the standard deviations do not include; empty if none.
 
     covariance, sources: those of the model. The stiffness counts as measured if the covariance
-    includes it and no source contradicts this.
+    includes it and no source says otherwise.
     """
     if covariance is None:
         return (
