@@ -1,8 +1,8 @@
 """Linear interpolation of a sensor between two readings, with its uncertainty.
 
-On the straight line between two readings, a part of their white noise averages out. But the values
-in between are unknown: a steady ramp follows the line, a value that jumped was at either end, and
-a ramp that began in between lies to one side of the line.
+Linear interpolation averages out a part of the white noise of both readings. But the true course
+between them is unknown: a steady ramp follows the line, a step stays at either end, and a ramp
+that begins in between lies to one side of the line.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
 def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
     """Return the noise of interpolated values (stamps,), relative to that of a reading.
 
-    On the line between two readings, a part of their white noise averages out.
+    Interpolation averages out a part of the white noise of both readings.
     """
     if len(stamp_ns) < 2:
         return np.ones(len(shown))
@@ -64,8 +64,8 @@ def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
 def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
     """Return the number of shown frames that share the readings of each frame, (shown,).
 
-    These frames share the noise of the same two readings, and the error of the line between them:
-    they are the frames within the time between those readings. shown: not decreasing.
+    Frames between the same two readings share the noise of both and the interpolation error.
+    shown: times, not decreasing.
     """
     if len(stamp_ns) < 2:
         return np.full(len(shown), float(len(shown)))
@@ -89,15 +89,16 @@ def interpolation_error(
     """Return one sigma of the error of linear interpolation between readings, (shown, ...).
 
     stamp_ns (readings,) and values (readings, ...) with white noise of this size (...). The error
-    follows from the changes of slope at the reading before and at the one after. Without any, the
-    line is right. If both have the same sign, the course is bent: it lies anywhere between the
-    line and the extrapolations from either side, with equal probability. If they cancel, the value
-    jumped: after a fraction w of the interval it had jumped with probability w, so the error has a
-    standard deviation of sqrt(w (1 - w)) of the jump. A change that spans two intervals, but not
-    the ones before and after, began in the first and ended in the second, at any time: after a
-    fraction w of the second it has ended with probability w, and the line misses the rest. Before
-    the first and after the last reading, the value is assumed to be constant; after the last, it
-    may continue to change as before.
+    follows from the changes of slope at the readings before and after. If the slope does not
+    change, the interpolation is exact. If both changes have the same sign, the signal is curved:
+    it lies anywhere between the line and the extrapolations from either side, with equal
+    probability. If the changes cancel, the signal jumped: after a fraction w of the interval the
+    jump has happened with probability w, so the error has a standard deviation of sqrt(w (1 - w))
+    of the jump. A change that spans exactly two intervals began in the first and ended in the
+    second, at any time: after a fraction w of the second interval the change has ended with
+    probability w, and interpolation misses the rest. Before the first and after the last reading,
+    the value is assumed to be constant; after the last reading, the value may continue to change
+    as before.
     """
     if len(stamp_ns) < 2:
         return np.zeros((len(shown), *values.shape[1:]))
@@ -127,10 +128,10 @@ def interpolation_error(
 
 
 def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
-    """Return the bound of the interpolation error relative to `interpolation_error`.
+    """Return the largest possible interpolation error relative to `interpolation_error`.
 
-    For a jump, the whole jump, if the value jumped in the shorter part of the interval; for a bent
-    course, the extrapolation from either side, (shown,).
+    (shown,). For a jump: the whole jump, if it happened in the shorter part of the interval. For a
+    curved signal: the extrapolation from either side.
     """
     of_bent_course = np.full(len(shown), math.sqrt(3.0))
     if len(stamp_ns) < 2:
@@ -143,7 +144,7 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
 def error_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
     """Return a plausible bound of the interpolation error at one stamp, for values (stamps,).
 
-    It is sqrt(3) sigma, or the largest possible error if that is smaller. noise: white, of a
+    It is sqrt(3) sigma, or the largest possible error if that is smaller. noise: white noise of a
     value. Values after the last one are not known yet.
     """
     shown = np.array([shown_ns])

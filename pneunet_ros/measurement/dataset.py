@@ -47,16 +47,16 @@ class RecordingData:
     increasing; `stamp_ns` (frames,) are the frames in which targets were seen and `reading`
     (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,) N
     m are the end load at the frames in the base frame, as read; `loaded` is False if nothing was
-    attached, and the load is then exactly zero. x, y (frames, targets) m in the base frame, NaN
-    where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
-    not measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. base_turn_std:
-    one sigma (rad) of the direction of the base frame in which they are. static: frames
-    are steady states in any order, without meaningful stamps. pressurized: False if no pressure
-    was recorded; it is then zero. load_known: the load is a known constant, not measured by a
-    sensor. wrench_stamp_ns (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the end
-    load; None if only those at the frames are known. gravity (frames, 2): along x and y in the
-    base frame, in g; None: as in the model; gravity_stamp_ns (n,) and gravity_read (n, 2): all its
-    readings. Raises RecordingError if these do not fit together.
+    attached; the load is then exactly zero. x, y (frames, targets) m in the base frame, NaN where
+    a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where not
+    measured; None: never (see `measurement.tip_pose`); in the frame tip_frame. base_turn_std: one
+    sigma (rad) of the direction of the base frame of the targets. static: frames are steady states
+    in any order, without meaningful stamps. pressurized: False if no pressure was recorded; it is
+    then zero. load_known: the load is a known constant, not measured by a sensor. wrench_stamp_ns
+    (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the end load; None if only
+    those at the frames are known. gravity (frames, 2): along x and y in the base frame, in g;
+    None: as in the model; gravity_stamp_ns (n,) and gravity_read (n, 2): all its readings. Raises
+    RecordingError if these do not fit together.
     """
 
     name: str
@@ -118,7 +118,7 @@ class RecordingData:
             )
 
     def without_load(self) -> RecordingData:
-        """Return the run as unloaded, taking force readings as sensor errors."""
+        """Return the run as unloaded; its force readings are treated as sensor errors."""
         if not self.loaded:
             return self
         frames = len(self.stamp_ns)
@@ -277,9 +277,9 @@ class RecordingData:
 def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
     """Return runs thinned to at most this many frames in total.
 
-    An hour of film shows the same shapes many times, mostly of an arm at rest. Half of the frames
-    are shared by length, half equally: a short recording beside it shows what it does not. What
-    it does not use of its share is shared among the others.
+    A long film shows the same shapes many times, mostly of an arm at rest, while a short recording
+    may show shapes that the film lacks. Half of the frames are therefore divided in proportion to
+    length and half equally; the unused part of a share is divided among the other runs.
     """
     lengths = np.array([len(run.stamp_ns) for run in runs])
     if lengths.sum() <= most:
@@ -339,8 +339,8 @@ def frames_in_jumps(shown: Stamps, stamp_ns: Stamps, pressure: Array) -> npt.NDA
     """Return the frames (frames,) taken during a pressure jump between two readings.
 
     shown (ns): times of the frames; stamp_ns (readings,) and pressure (readings,) Pa. Such a frame
-    shows the arm at the pressure before or after the jump, not at a value in between: linear
-    interpolation is wrong by up to the whole jump.
+    shows the arm at the pressure before or after the jump, not in between: linear interpolation is
+    wrong by up to the whole jump.
     """
     if len(stamp_ns) < 4:
         return np.zeros(len(shown), np.bool_)

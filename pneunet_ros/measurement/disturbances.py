@@ -1,11 +1,11 @@
 """Errors shared by all frames: placement of the dots, the camera's position, a known load.
 
-Placement is constant per target along the tangent and normal of the arm: dots are painted on the
-arm and turn with it. The camera has its own position in every recording, and drifts slowly. A
-known load without a sensor, such as a weight, has the same error throughout its recording: as an
-error of each frame, it would hide the dependence of the stiffness on the pressure. All of these
-are unknowns with a known prior; together with the noise of pressure and force, they are the reason
-why residuals are not white.
+Placement errors are constant per target along the tangent and normal of the arm, because the dots
+are painted on the arm and turn with it. The camera has its own position in every recording and
+drifts slowly. A known load without a sensor, such as a weight, has the same error throughout its
+recording; an independent error in each frame would hide the dependence of the stiffness on the
+pressure. All of these errors are unknowns with a known prior. Together with the noise of pressure
+and force, they make the residuals correlated.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Disturbances:
     def origin(self, disturbance: Array) -> Array:
         """Return the origin of the base frame for these unknowns (n,): (2,) m.
 
-        The origin is the displacement that the images of all runs have in common; with fewer runs
-        it is smaller.
+        The origin is the displacement common to the images of all runs; fewer runs give a smaller
+        estimate.
         """
         paths = disturbance[2 * self.targets :].reshape(len(self.runs), RUN_UNKNOWNS)
         mean_shift = (
@@ -88,7 +88,7 @@ class Disturbances:
     def root_of_run(self, which: int) -> Array:
         """Return the lower root (RUN_UNKNOWNS, RUN_UNKNOWNS) of the prior with the common origin.
 
-        The origin is included because it is wrong too if an effect is missing.
+        The origin is included because a missing effect biases it too.
         """
         unknowns = self.of_run(which)[2 * self.targets :]
         return np.asarray(np.linalg.cholesky(self.prior[np.ix_(unknowns, unknowns)]))
@@ -109,8 +109,8 @@ def placement_prior(noise: SensorNoise, arclength: Array) -> Array:
     """Return the prior covariance (2 targets, 2 targets) m^2 of the painted positions.
 
     arclength (targets,) m. The positions along the arm come first, then those across it. The
-    errors are independent ones of each target, an offset of the whole row from the neutral line,
-    and an error of its spacing.
+    errors are an independent one for each target, an offset of the whole row from the neutral
+    line, and an error of its spacing.
     """
     placement_std, row = max(noise.placement_std, SMALLEST_STD), row_shifts(arclength)
     sizes = np.array([noise.row_spacing_std, noise.row_offset_std])
@@ -133,7 +133,7 @@ def row_shifts(arclength: Array) -> Array:
 
 
 def origin_std(noise: SensorNoise, arclength: Array) -> float:
-    """Return one sigma (m) of the origin across the arm, which the row may define."""
+    """Return one sigma (m) of the origin across the arm, if the row defines the origin."""
     _, shift = row_shifts(arclength).T
     return float(noise.row_offset_std * np.max(shift, initial=0.0))
 
@@ -183,7 +183,7 @@ def camera_path(run: RecordingData, disturbance: Array) -> Array:
 def disturbance_jacobian(run: RecordingData, targets: PaintedTargets) -> Array:
     """Return the derivatives of the image by the unknowns of `of_run`, (frames, 2, targets, n).
 
-    Those of a load are zero, because a load moves the arm, not the image.
+    The derivatives by a load are zero, because a load moves the arm, not the image.
     """
     placement = targets.jacobian()
     start = placement.shape[-1]
@@ -205,8 +205,8 @@ def path_weights(progress: Array) -> Array:
 def tilt_jacobian(points: Array, length: float) -> Array:
     """Return derivatives of points (frames, 2, targets) m by the tilt, (.., 2 targets, 2).
 
-    To first order, the scale of a tilted plane changes in proportion to x and y; here it is
-    unchanged at the middle of the straight arm. The tilt is the change of scale over the length,
+    To first order, the scale of a tilted plane changes in proportion to x and y; here, the scale
+    is exact at the middle of the straight arm. The tilt is the change of scale over the length,
     along x and along y.
     """
     frames, _, targets = points.shape

@@ -2,8 +2,9 @@
 
 The Jacobian is with respect to every input of the rod (loads, knots of the curvature table,
 rigidities, split, ...); the chain rule gives that of a parameter. The solver is the same as in the
-live estimator. The search in a frame starts from its last solution, or at first from the measured
-shape, because a soft arm may have several equilibria under a load, and the observed one is wanted.
+live estimator. The search in a frame starts from its last solution, or initially from the measured
+shape, because a soft arm may have several equilibria under a load, and the observed equilibrium is
+needed.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class ForwardModel:
     """Shapes of an arm in the frames of a run, reused as starting points for a changed arm.
 
     arclength (targets,) m of the stations; measured (frames, 2, targets) m, NaN where not seen:
-    points in the base frame near which equilibria are first searched; None: start without a load.
+    points in the base frame, from which the first search for equilibria starts; None: start from
+    the unloaded shape.
     """
 
     __slots__ = (
@@ -302,9 +304,9 @@ class ForwardModel:
         return np.asarray(jacobian[:, :, THETA][:, :, places])
 
     def implicit(self, by_heading: Array) -> Array:
-        """Return the matrices (frames, pushes, pushes) by which headings follow what turns them.
+        """Return the matrices (frames, pushes, pushes) of the implicit equation for the headings.
 
-        Each is the transposed derivative of a heading less the heading that it causes.
+        Each is the transposed derivative of a heading minus the heading that it causes.
         """
         turned = np.eye(self.push_place.size) - self.at_pushes(by_heading)
         return turned.transpose(0, 2, 1)
@@ -312,8 +314,8 @@ class ForwardModel:
     def difference(self, arm: Arm, low: Inputs, high: Inputs) -> Array:
         """Return the displacement of the points and the last heading, (frames, 2 stations + 1).
 
-        The displacement is that from one input to another, both near those of the solutions; NaN
-        if either has no shape.
+        Displacement between the shapes at two inputs, both near those of the solutions; NaN if
+        either has no shape.
         """
         sides = []
         for inputs in (low, high):
@@ -355,7 +357,7 @@ class Pieces:
 
 
 def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
-    """Return how columns of the law's sections map to columns of the records."""
+    """Return the map from columns of the law's sections to columns of the records."""
     base, _ = arm.table.at(rods.pressure)
     owner = owners(base, rods.sections)
     first = np.diff(owner, axis=1, prepend=-1) != 0

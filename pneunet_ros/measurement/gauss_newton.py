@@ -1,7 +1,7 @@
 """Damped Gauss-Newton search: full steps, halved until they lower the cost.
 
-If unknowns have bounds, the full step is the best one within the bounds: a step that is clipped
-afterwards may not lower the cost, so that the search gets stuck.
+With bounds, the full step is the optimum within the bounds: clipping an unbounded step may not
+lower the cost, and the search would get stuck.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ class Bounds:
     def hold(
         self, step: Array, gain: float, solved: Callable[[Array], Array]
     ) -> tuple[Array, float]:
-        """Return the best step (n,) within the bounds, and its reduction of the cost.
+        """Return the optimal step (n,) within the bounds, and its reduction of the cost.
 
-        step and gain: without bounds; solved: returns the inverse of the Hessian times (n, k).
-        Functions that would exceed a bound are fixed at that bound, and the step is solved again
-        for the rest.
+        step and gain: of the unbounded optimum; solved: returns the inverse of the Hessian times
+        (n, k). Functions that would exceed a bound are fixed at that bound, and the step is solved
+        again for the rest.
         """
         best, best_gain = step, gain
         at_bound = np.zeros(len(self.rows), dtype=bool)
@@ -94,10 +94,10 @@ def gauss_newton(
 
     newton_step: returns the full step from a linearization, and its gain in any measure; the
     search ends if the gain is below `small`. lower: returns the end of a step, or None if the cost
-    does not fall enough. relinearize: linearizes at that end; None if this fails. predict_end:
-    whether to end one step earlier if gains fall so fast that the step after the next would gain
-    less than `small`; the caller then takes the next step, for which the problem is practically
-    linear. on_step: called with the number and the start of each step.
+    does not fall enough. relinearize: linearizes at that end; None if the linearization fails.
+    predict_end: whether to end one step earlier if gains fall so fast that the step after the next
+    would gain less than `small`; the caller then takes the next step, for which the problem is
+    practically linear. on_step: called with the number and the start of each step.
     """
     last, gain = start, float('inf')
     for count in range(1, most_steps + 1):

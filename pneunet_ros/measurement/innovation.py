@@ -36,8 +36,8 @@ def innovation(
     """Compare a frame with its prediction; None if no target was seen.
 
     The white noise of a target is the larger of those of the model and of the tracker. The targets
-    are taken for those of the calibration, with known placement, or for others, whichever is more
-    likely in this frame.
+    are assumed to be those of the calibration, with known placement, or repainted ones, whichever
+    is more likely in this frame.
     """
     (seen,) = np.nonzero(np.isfinite(sightings.x + sightings.y))
     if not seen.size:
@@ -69,8 +69,8 @@ def innovation(
 def squared_distance(residual: Array, std: Array, errors: Array) -> Array:
     """Return r^T C^-1 r of residuals (..., n), (...); C = diag(std^2) + E^T E.
 
-    E (..., errors, n): one sigma of each error that the coordinates share. With more coordinates
-    than errors by Woodbury's formula: a row of 500 targets is a frame as well.
+    E (..., errors, n): one sigma of each error that the coordinates share. Uses Woodbury's formula
+    if there are more coordinates than errors (a frame may have 500 targets).
     """
     if len(errors.shape) == 2 and errors.shape[0] < residual.size:
         white, shared = residual / std, errors / std
@@ -86,11 +86,11 @@ def squared_distance(residual: Array, std: Array, errors: Array) -> Array:
 def tip_distance(residual: Array, std: Array, errors: Array, share: Array) -> float:
     """Return the squared Mahalanobis distance of the tip from its prediction; 2 coordinates.
 
-    residual (2, targets) m, std (targets,) m, errors (n, 2, targets) m and share (targets,) of
-    the targets seen. A smooth curve through all targets determines the tip better than a single
-    target does: chi squared hides an error of the tip that is smaller than the noise of a target,
-    even if it is in every frame. The tip is relative to the clamp, so that the camera position
-    does not matter. NaN for fewer than three targets beyond the clamp.
+    residual (2, targets) m, std (targets,) m, errors (n, 2, targets) m and share (targets,) of the
+    targets seen. A smooth curve through all targets determines the tip better than a single target
+    does; chi squared would hide a tip error that is smaller than the noise of a target, even if it
+    persisted in every frame. The tip is relative to the clamp, so that the camera position does
+    not matter. NaN for fewer than three targets beyond the clamp.
     """
     if np.count_nonzero(share > 0.0) < FEWEST_BEYOND_CLAMP:
         return math.nan

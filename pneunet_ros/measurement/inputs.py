@@ -74,10 +74,10 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
 
 
 def in_time(runs: Sequence[RecordingData]) -> Iterator[tuple[int, bool]]:
-    """Yield the index of each run that is not static, in time, and whether an earlier one goes on.
+    """Yield the index of each run in time (not the static ones) and whether its history goes on.
 
-    None does in a run that begins before they all have ended, such as tables whose time starts at
-    zero: its arm is settled.
+    The history starts anew, with a settled arm, in a run that begins before all earlier runs have
+    ended, such as a table whose time starts at zero.
     """
     ends = {
         which: tuple(run.reading_stamp_ns[[0, -1]].tolist())
@@ -140,7 +140,7 @@ def equilibria(arm: Arm, run: RecordingData) -> Inputs:
 
 
 def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
-    """Return the inputs from the readings alone, without history; a known load is no reading."""
+    """Return the inputs from readings and known loads alone, without history."""
     loads = run.load
     if not arm.sensing:
         return Inputs(pressure=run.frame_pressure, loads=loads, gravity=run.gravity)

@@ -32,7 +32,7 @@ class Parametrization(Protocol):
 
     @property
     def columns(self) -> Columns:
-        """Columns of the rod's sections that the parameters move, (k, 2)."""
+        """Columns of the rod's sections that depend on the parameters, (k, 2)."""
 
     def arm(self, values: Array) -> Arm:
         """Return the arm with these values; ModelError if they are invalid."""
@@ -76,7 +76,7 @@ class FittedRun:
         return np.concatenate(parts, axis=1) & self.solved[:, None]
 
     def counting(self, solved: npt.NDArray[np.bool_]) -> FittedRun:
-        """Return the run with only these frames (a mask) in use."""
+        """Return the run restricted to these frames (a mask)."""
         run = replace(self, solved=solved)
         return replace(run, dof=np.count_nonzero(run.counted, axis=1))
 

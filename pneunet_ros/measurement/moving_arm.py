@@ -1,7 +1,7 @@
 """An arm in motion: its deviation from equilibrium, from one reading to the next.
 
-The equilibrium of a reading is the shape without inertia; the chain of `solver.swing` follows it
-with mass and damping. The arm is assumed to be at rest at the first reading.
+The equilibrium of a reading is the shape without inertia; the link chain of `solver.swing` follows
+it with mass and damping. The arm is assumed to be at rest at the first reading.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class BaseMotion(NamedTuple):
 
     turn_rate (rad/s), NaN if it is unknown: then it may be the apparent_rate, at which gravity
     turns in the base. variance ((m/s^2)^2) of each component of the specific force, 0 = unknown.
-    lasting (s^2): time since the last estimate, times that for which a reading of the force is
+    lasting (s^2): time since the last estimate, times the duration for which a force reading is
     used.
     """
 
@@ -81,7 +81,7 @@ class MovingState:
     """State of the motion at a stamp: the equilibrium as links, and the swing.
 
     turned (shapes,) 1/s: rate of the equilibrium before the stamp, in units of q. turning: the
-    state if the base turned as gravity does, where its turn rate is unknown.
+    state for a base that turns as gravity does, where its turn rate is unknown.
     """
 
     stamp_ns: int
@@ -117,10 +117,10 @@ def places_along(reach: float, arclength: Array) -> Places:
 class MotionEstimate:
     """Motion of an arm about its equilibrium.
 
-    velocity (3,) of the tip, m/s and rad/s. settled: whether the tip is at its equilibrium and
-    will stay there, within its uncertainty. swing, at_nodes: see
-    `solver.swing.follow_swing`; relative (2,): errors of mass and damping; left_out (m):
-    truncation error of the tip in each shape. modes of the arm about its equilibrium.
+    velocity (3,) of the tip, m/s and rad/s. settled: whether the tip rests at its equilibrium,
+    within its uncertainty. swing, at_nodes: see `solver.swing.follow_swing`; relative (2,): errors
+    of mass and damping; left_out (m): truncation error of the tip in each shape. modes of the arm
+    about its equilibrium.
     """
 
     velocity: Array
@@ -155,10 +155,10 @@ class MotionEstimate:
 
 
 def late_parts(errors: Array, shapes: Array) -> Array:
-    """Return further errors of points: the arm follows the noise of readings with a delay.
+    """Return further errors of points, because the arm follows the noise of readings with a delay.
 
-    errors (n, 2, points) m: those of the equilibrium, per sigma of each reading; shapes (shapes,
-    2, points): per unit q of each shape. Returns (n shapes, 2, points) m, see
+    errors (n, 2, points) m: errors of the equilibrium, per sigma of each reading; shapes (shapes,
+    2, points): displacement per unit q of each shape. Returns (n shapes, 2, points) m, see
     `solver.swing.part_shapes`.
     """
     parts = np.empty((len(errors), len(shapes), errors[0].size))
@@ -167,7 +167,7 @@ def late_parts(errors: Array, shapes: Array) -> Array:
 
 
 def likely_motion(arm: Arm) -> Motion | None:
-    """Return the motion expected from an arm's weight; None if no unloaded shape is stable."""
+    """Return the motion expected from its weight; None if no unloaded shape is stable."""
     modes = unloaded_modes(replace(arm, motion=Motion()))
     if modes is None:
         return None
@@ -224,11 +224,12 @@ class MovingArm:
     def pass_loads(
         self, state: MovingState, stamp_ns: int, loaded: Sequence[tuple[int, Links]]
     ) -> tuple[MovingState, Array]:
-        """Advance through the loads read between a state and a stamp.
+        """Advance a state to a stamp, through the loads read in between.
 
         loaded: stamps (ns) of loads and the equilibria under them at the stamp, of which the first
-        load acts at the state. All but the load changes linearly from the state to the stamp; also
-        returns the covariance of q and p at the stamp, due to the unknown instant of that change.
+        load acts at the state. All inputs except the load change linearly from the state to the
+        stamp. Also returns the covariance of q and p at the stamp, due to the unknown instant of
+        that change.
         """
         assert self.arm.inertia is not None
         damping_time, duration_ns = self.arm.inertia.damping_time, stamp_ns - state.stamp_ns
@@ -316,9 +317,9 @@ class MovingArm:
         )
 
     def jolts(self, there: Moved, base: BaseMotion) -> Array:
-        """Return the covariance of p by the noise of gravity since the last estimate.
+        """Return the covariance of p due to the noise of gravity since the last estimate.
 
-        A noise that lasts is a wrong equilibrium, which an arm at rest reaches in its own time.
+        Persistent noise acts as a wrong equilibrium, to which an arm at rest settles.
         """
         lasting = min(base.lasting, float(self.modes.frequency[0]) ** -2)
         mass = np.array([0.0, *self.masses.mass, self.masses.tip])
@@ -329,8 +330,8 @@ class MovingArm:
 class Moved(NamedTuple):
     """Deviation of a chain from equilibrium: tables of `solver.swing.follow_swing`.
 
-    velocity (3,) of the tip; stopped (2,) m/s: its velocity in x, y if the equilibrium stopped
-    moving.
+    velocity (3,) of the tip; stopped (2,) m/s: its velocity in x, y if the equilibrium were to
+    stop moving.
     """
 
     at_nodes: Array
@@ -393,9 +394,9 @@ def follow_reading(
 
 
 def turning_links(before: Links, after: Links, step: float) -> tuple[Links, Links]:
-    """Return two equilibria, of a base at rest unless its turn rate is known at both.
+    """Return two equilibria; the base is assumed at rest unless its turn rate is known at both.
 
-    A rate that steps of this length (s) cannot follow counts as unknown.
+    A rate too fast for time steps of this length (s) counts as unknown.
     """
     if step * (abs(before.turn_rate) + abs(after.turn_rate)) <= STEP:
         return before, after
@@ -481,9 +482,9 @@ def after_gap(
 ) -> Array:
     """Return the covariance of q and p of a chain after a gap (s).
 
-    links: the present equilibrium. The step to it may have happened at any time in the gap, with
-    equal probability: early swings have decayed, late ones have not. The swing continues through
-    the gap with unknown phase.
+    links: the present equilibrium. The step to this equilibrium may have happened at any time in
+    the gap, with equal probability: early swings have decayed, late ones have not. The swing
+    continues through the gap with unknown phase.
     """
     from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
 
@@ -537,10 +538,9 @@ def unloaded_modes(arm: Arm) -> Modes | None:
 def is_settled(deviation: Array, swing: Array, covariance: Array) -> bool:
     """Whether the tip is at rest in its equilibrium, within its uncertainty.
 
-    deviation (2,) m from the equilibrium; swing (2,) m: amplitude due to the present velocity if
-    the equilibrium stopped moving; covariance (3, 3) of the tip. Deviation and swing together must
-    be within 1.96 standard deviations of the position of the tip, as are 95 % of the reading
-    errors.
+    deviation (2,) m from the equilibrium; swing (2,) m: amplitude due to the present velocity, for
+    a constant equilibrium; covariance (3, 3) of the tip. Deviation and swing together must be
+    within 1.96 standard deviations of the tip position (95 % of reading errors).
     """
     distance_square = deviation @ deviation + swing @ swing
     return bool(distance_square <= WITHIN_95**2 * (covariance[0, 0] + covariance[1, 1]))

@@ -33,7 +33,7 @@ class PaintedTargets:
     def to_arm(self) -> Complex:
         """Factor from the base frame to the frame of the arm (along + i across), (.., targets).
 
-        It is evaluated at the actual position of the target, not at the nominal one.
+        Evaluated at the actual position of the target, not at the nominal position.
         """
         return np.asarray(1j * self.by_across.conj())
 
@@ -77,8 +77,8 @@ def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
 def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
     """Return x + i y and heading of targets painted (..) m further along the arc.
 
-    theta (rad), curvature (1/m): those of the arm at the nominal positions. The points lie on the
-    arc of the arm, not on its tangent.
+    theta (rad), curvature (1/m): of the arm at the nominal positions. The points lie on the arc of
+    the arm, not on its tangent.
     """
     turn = curvature * along
     return along * np.exp(1j * (theta + 0.5 * turn)), np.exp(1j * (theta + turn))

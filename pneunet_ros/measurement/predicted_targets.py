@@ -1,8 +1,8 @@
 """Predicted targets of an estimate.
 
-Errors of readings, model and camera position move all targets of a frame together: they are
-columns of the covariance and not added to its diagonal. Noise without this correlation would have
-the right size but cause false alarms.
+Errors of readings, model and camera position move all targets of a frame together; they are
+columns of the covariance, not added to its diagonal. Uncorrelated noise of the same size would
+cause false alarms.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class PredictedTargets:
 
     errors (sources, 2, targets) m: effect of one sigma of each independent error of reading or
     model on all targets: F1, F2, M, the pressure and the columns of the model's covariance; the
-    last `frame_error_count` belong to this frame only: second-order errors, then motion. They
-    exclude the position of the camera and the noise of the targets. by_load (3, 2, targets):
+    last `frame_error_count` belong to this frame only: second-order errors, then motion. The
+    camera position and the noise of the targets are not included. by_load (3, 2, targets):
     derivatives by F1, F2 (m/N), M (1/N). theta (targets,) rad. share (targets,): arclength
     relative to that of the last target. placed (2, targets) m: calibrated misplacement of each
     target; placed_std (targets,) m: its standard deviation.
@@ -93,8 +93,8 @@ def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
 def target_displacement(arm: Arm, theta: Array, curvature: Array) -> tuple[Array, Array]:
     """Return the misplacement of targets (.., 2, targets) m, and its std (targets,) m.
 
-    theta (rad), curvature (1/m), both (.., targets): those of the arm at the targets. Misplacement
-    and std are from the calibration, if it determined them.
+    theta (rad), curvature (1/m), both (.., targets): of the arm at the targets. Misplacement and
+    std are from the calibration, if it determined them.
     """
     known = None if arm.covariance is None else arm.covariance.placement
     if known is None:

@@ -1,10 +1,10 @@
 """The most probable load in a frame, given its targets, at which the frame is linearized.
 
-Force noise may move the tip of a compliant arm by millimeters, beyond the range in which the model
-is linear. The model is therefore linearized at the most probable load, given reading and targets.
+Force noise may move the tip of a compliant arm by millimeters, beyond the linear range of the
+model. The model is therefore linearized at the most probable load, given reading and targets.
 
-Near a load at which the arm snaps, that noise even decides between two equilibria. Then loads
-around the reading are searched for the equilibrium that the camera saw.
+Near a load at which the arm snaps, force noise even decides between two equilibria. Loads around
+the reading are then searched for the observed equilibrium.
 """
 
 from __future__ import annotations
@@ -56,8 +56,9 @@ def probable_load_errors(
 ) -> Array:
     """Return the difference between load and reading, (frames, 3) N, N m.
 
-    It is zero if no load was read, if the noise of the reading cannot explain the difference, and
-    in frames without a shape. A known load is not corrected: its error is the same in all frames.
+    Zero if no load was read, if the noise of the reading cannot explain the difference, and in
+    frames without a shape. A known load is not corrected, because its error is the same in all
+    frames.
 
     inputs: those with the load as read; disturbance (frames, 2, targets) m: contribution of
     placement and camera; model: start of the search for the equilibria.

@@ -1,10 +1,10 @@
 """Readings as a piecewise linear function, for values at other times.
 
-An effect with memory reduces the noise of readings: a play as wide as the noise keeps them
+An effect with memory smooths the readings: a play operator as wide as the noise holds them
 constant, and a lag averages them, as does a delay that places a frame between two readings. At
-constant pressure and load this predicts better than raw readings do, so that such effects would be
-found in recordings without them. Effects with memory therefore use filtered readings, and every
-frame keeps the noise of its own reading, for any memory and delay.
+constant pressure and load, smoothed readings predict better than raw ones, so that such effects
+would be found in recordings without them. Effects with memory therefore use filtered readings, and
+every frame keeps the noise of its own reading, for any memory and delay.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class FilteredReadings:
 def filter_readings(run: RecordingData, noise: SensorNoise) -> FilteredReadings:
     """Return the piecewise linear pressure and load of a run.
 
-    Between corners, the readings lie on a straight line within their noise, so that steps, turning
-    points and other visible features keep their times. Steps between two readings, and readings
-    that noise does not explain, are unchanged. Static frames are not changed.
+    Between corners, the readings follow a straight line within their noise; steps, turning points
+    and other visible features keep their times. Steps between two readings, and readings that
+    noise does not explain, are unchanged. Static frames are not changed.
     """
     if run.static:
         return FilteredReadings(run=run, noise=np.zeros(len(run.stamp_ns)))
@@ -107,7 +107,7 @@ def filtered(stamp_ns: Stamps, values: Array, std: float) -> Array:
 def without_reading_noise(run: RecordingData, noise: SensorNoise) -> RecordingData:
     """Return a run with all readings replaced by their piecewise linear fit.
 
-    An arm with mass is simulated with these, because noise of the readings would excite it.
+    Used to simulate an arm with mass, which the noise of the readings would excite.
     """
     if run.static:
         return run

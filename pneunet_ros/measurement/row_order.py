@@ -1,7 +1,7 @@
 """Check that targets are numbered from the clamp, and that the clamp is fixed.
 
-At the clamp the direction of an arm is constant, and at the free end it turns most. This is true
-in every coordinate frame, even in one that moves with the first target.
+The direction of an arm is constant at the clamp and changes most at the free end. This holds in
+every coordinate frame, even in one that moves with the first target.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def numbered_from_tip(points: Array, arclength: Array) -> bool:
 def first_target_moves(points: Array, arclength: Array) -> bool:
     """Whether the first target (frames, 2, targets) m moves while the last one rests.
 
-    This shows an arm numbered from its free end and measured by a fixed camera.
+    This indicates an arm numbered from its free end and measured by a fixed camera.
     """
     travels = []
     for end in (0, -1):

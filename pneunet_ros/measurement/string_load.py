@@ -1,4 +1,4 @@
-"""End load of a string from the seen tip to its anchor, frame by frame."""
+"""End load of a string from the measured tip to its anchor, frame by frame."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ TANGENT = 0.25
 
 
 def with_string(run: RecordingData, arm: Arm, string: String) -> tuple[RecordingData, int]:
-    """Return a run under the load of a string, and the number of frames without a seen tip.
+    """Return a run under the load of a string, and the number of frames without a visible tip.
 
-    Those frames are left out. Raises RecordingError if no frame shows the tip, and RequestError if
+    These frames are dropped. Raises RecordingError if no frame shows the tip, and RequestError if
     the eye lies on the arm.
     """
     string.check_clearance(run.x, run.y, radius_of(arm))

@@ -1,13 +1,13 @@
 """A swinging arm: its motion between frames, and at points along it.
 
-The equilibrium follows the estimated loads and pressure and jumps when they are corrected, but the
-arm itself cannot jump. The unknown is therefore not the deviation q from equilibrium, but the
-modal coordinate w relative to a fixed reference: with S the projection on the modes and theta_e
-the headings of the equilibrium's links,
+The equilibrium jumps when the estimated loads and pressure are corrected, but the arm itself
+cannot jump. The unknown is therefore not the deviation q from equilibrium but the modal coordinate
+w relative to a fixed reference: with S the projection on the modes and theta_e the headings of the
+equilibrium's links,
 
     q = w - S (theta_e - theta_reference).
 
-A frame determines w, but hardly the loads, which follow from the acceleration of the arm.
+A single frame determines w but hardly the loads, which follow from the acceleration of the arm.
 """
 
 from __future__ import annotations
@@ -70,11 +70,11 @@ class Reference:
 
     heading (links,) rad of the reference; projection (shapes, links): S, and turns (shapes, links)
     of each shape. links of the equilibrium at the unknowns (n,), with turning (links, n):
-    derivatives of their headings; turned (shapes,) 1/s: its previous rate, in units of q. at_tip
-    (shapes, 2) m: displacement of the tip by each shape. lag (links,) rad: lag of faster shapes
-    behind the equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation error of a
-    swing, and of the response of the faster modes. pull (4, shapes): effect of a load on
-    coordinates and momenta since the last reference, per force on each shape. lost: whether the
+    derivatives of their headings; turned (shapes,) 1/s: previous rate of the equilibrium, in units
+    of q. at_tip (shapes, 2) m: displacement of the tip by each shape. lag (links,) rad: lag of
+    faster shapes behind the equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation
+    error of a swing, and of the response of the faster modes. pull (4, shapes): effect of a load
+    on coordinates and momenta since the last reference, per force on each shape. lost: whether the
     swing is unknown.
     """
 
@@ -151,9 +151,8 @@ class SwingingArm:
     """A moving arm, and the slice of its unknowns in the state vector.
 
     where: slice of `Motion`; tip: slice of the tip force; pressure: index of its error. start
-    (4,): one sigma of coordinates and momenta of an arm before its first frame; stations, targets:
-    along the arm. middles (links,) m: centers of its links; next_shapes (shapes, links): their
-    rotations.
+    (4,): one sigma of coordinates and momenta before the first frame; stations, targets: along the
+    arm. middles (links,) m: centers of its links; next_shapes (shapes, links): their rotations.
     """
 
     moving: MovingArm
@@ -342,7 +341,7 @@ class SwingingArm:
     def reference_at(
         self, following: MovingState, moving: Moved, projection: Array, unknowns: Array
     ) -> Reference:
-        """Return the reference at a stamp, without any derivative, lag or load since the last."""
+        """Return the reference at a stamp, with all derivatives, lag and load effects zero."""
         links = following.links
         return Reference(
             heading=links.heading,
@@ -433,10 +432,10 @@ class SwingingArm:
         return np.concatenate([by_shape, response_error])
 
     def response_share(self, seconds: float) -> float:
-        """Return the share of the response of faster shapes to a load that has walked for a time.
+        """Return the fraction of the response of faster shapes to a load drifting for a time.
 
-        Faster shapes are overdamped and creep to their equilibrium with the damping time: a
-        first-order lag behind a ramp.
+        Faster shapes are overdamped and settle with the damping time: a first-order lag behind a
+        ramp.
         """
         motion = self.moving.arm.inertia
         assert motion is not None
@@ -448,8 +447,8 @@ class SwingingArm:
     def response_std(self, seconds: float) -> float:
         """Return one sigma of `response_share`, due to the unknown time at which the load changed.
 
-        Of the response to a load step at a time u ago, the share exp(-u / time) is still missing;
-        this is the spread over all u.
+        Of the response to a load step a time u ago, the fraction exp(-u / time) is still missing;
+        the result is its standard deviation over all u.
         """
         motion = self.moving.arm.inertia
         assert motion is not None
@@ -461,7 +460,7 @@ class SwingingArm:
         return math.sqrt(max(mean_square - mean_open**2, 0.0))
 
     def with_force_walk(self, root: Array, reductions: Array) -> Array:
-        """Return a root including the error of a swing due to the unknown walk of the tip force.
+        """Add the error of a swing due to the unknown course of the tip force to a root.
 
         reductions (places, 4, 2): reduction of the motion of coordinates and momenta, per sigma of
         the walk, if it happened at PLACES of the interval instead of at its beginning.
@@ -476,7 +475,8 @@ class SwingingArm:
     def lag_of(self, before: Array, rotation: Array, seconds: float) -> Array:
         """Return the lag (links,) rad of the faster modes behind the equilibrium.
 
-        before: lag at the beginning; rotation (links,) rad: that since then, in these shapes.
+        before: lag at the beginning; rotation (links,) rad: rotation of the equilibrium since
+        then, in these shapes.
         """
         motion = self.moving.arm.inertia
         assert motion is not None
@@ -486,9 +486,9 @@ class SwingingArm:
         return decay * before - (1.0 - self.response_share(seconds)) * rotation
 
     def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
-        """Return a root that includes the unknown path between two stamps.
+        """Add the process noise of the unknown path between two stamps to a root.
 
-        It also includes the truncation errors of links and shapes, as in `moving_arm`.
+        The truncation errors of links and shapes are included, as in `moving_arm`.
         """
         values, vectors = np.linalg.eigh(swing.covariance)
         kicks = vectors * np.sqrt(np.maximum(values, 0.0))

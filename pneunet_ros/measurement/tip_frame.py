@@ -1,8 +1,8 @@
 """The clamp in the frame of motion capture, estimated from tip poses alone.
 
-To first order, the arm bends along arcs of constant length from the clamp: a rigid motion of three
-numbers brings all poses onto such arcs. The effects of uneven bending and lengthening are included
-in the error (Schmidt's consider covariance, as in a calibration from few targets).
+To first order, the arm bends along arcs of constant length from the clamp; the three parameters of
+a rigid motion bring all poses onto such arcs. The effects of uneven bending and lengthening are
+included in the error (Schmidt's consider covariance, as in a calibration from few targets).
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def in_base_frame(
 
     Poses whose frame is not the base frame, or most of which are out of reach of the arm, are in
     another frame; the clamp is estimated in each frame from the runs without a load. Raises
-    RecordingError if these do not determine it. Where targets are seen as well, which are in the
-    base frame, poses of another frame are left out; so are single ones out of reach.
+    RecordingError if these do not determine it. If targets, which are in the base frame, are seen
+    as well, poses in another frame are dropped, as are single poses out of reach.
     """
     other: dict[str, list[int]] = {}
     in_base, notes = list(runs), list[Note]()
@@ -173,8 +173,8 @@ def base_of(other: Sequence[RecordingData], arm: Arm) -> FoundBase:
 def is_in_other_frame(run: RecordingData, arm: Arm) -> bool:
     """Whether the tip poses are in another frame, whose position no target determines.
 
-    If only some are out of reach, they are in another frame if most of these are within the reach
-    of the clamp that the others show; otherwise they are strays.
+    If only some poses are out of reach, they count as poses in another frame if most of them are
+    within reach of the clamp that the other poses determine; otherwise they are outliers.
     """
     if run.tip_pose is None or run.seen.any():
         return False
@@ -197,7 +197,8 @@ def out_of_reach(
 ) -> npt.NDArray[np.bool_]:
     """Return a mask (frames,) of tip poses farther from the clamp than any arm reaches.
 
-    If it is not known where the clamp is, of those farther from their median than two tips can be.
+    If the clamp is unknown, the mask selects poses farther from the median than two tips can be
+    apart.
     """
     if run.tip_pose is None:
         return np.zeros(len(run.stamp_ns), dtype=np.bool_)
@@ -208,7 +209,7 @@ def out_of_reach(
 
 
 def without_poses(run: RecordingData, left_out: npt.NDArray[np.bool_]) -> RecordingData:
-    """Return a run without the tip poses of these frames; those that show no more are dropped."""
+    """Remove the tip poses of these frames from a run; drop frames without targets."""
     assert run.tip_pose is not None
     if left_out.all():
         return run.without_tip_pose()
@@ -281,7 +282,7 @@ def find_base(poses: Array, arm: Arm) -> FoundBase | None:
 
 
 def tip_displacements(turns: Array, arm: Arm) -> Places:
-    """Return the displacement of the tip, x + i y (m), by one sigma of departure from an arc.
+    """Return the displacement of the tip, x + i y (m), for one sigma of deviation from an arc.
 
     turns (frames,) rad: heading of the tip relative to the clamp. Returns (frames, modes): modes
     of the curvature along the arm, then the lengthening of the arm as it bends.

@@ -18,7 +18,7 @@ def with_tip_target(
 ) -> tuple[Arm, list[RecordingData]]:
     """Append the tip as the last target of arm and runs, if any run has its pose.
 
-    A target painted at the tip keeps its own sightings, and uses the pose in the other frames.
+    A target painted at the tip keeps its own detections, and uses the pose in frames without one.
     always: append even if no run has a pose, so that the targets match another calibration.
     """
     if not always and all(run.tip_pose is None for run in runs):

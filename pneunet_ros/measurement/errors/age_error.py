@@ -1,4 +1,4 @@
-"""Error of an end load that was read before the pressure, as a further error source."""
+"""Error of an end load reading that is older than the pressure reading, as an error source."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pneunet_ros.solver.columns import LOADS
 
 
 def with_age_error(noise: Array, change: Array, share: float) -> Array:
-    """Return the noise input matrix (sources, causes) with the change of a load since its reading.
+    """Add the change of a load since its reading to the noise input matrix (sources, causes).
 
-    change (3,): of F1, F2, M from the reading before to the last one; share: age of the last one
-    over the time between both. The load may have changed on at this rate, for this time at most;
-    noise of both readings explains a part of the change. The given matrix is returned if it
-    explains all of it.
+    change (3,): of F1, F2, M between the last two readings; share: age of the last reading,
+    relative to the time between both. The load may have continued to change at this rate since the
+    last reading; the noise of both readings explains a part of the change. If noise explains all
+    of it, the matrix is returned unchanged.
     """
     explained = 2.0 * np.sum(noise[:LOADS, :LOADS] ** 2, axis=0)
     spread = np.sign(change) * np.sqrt(np.maximum(change**2 - explained, 0.0))

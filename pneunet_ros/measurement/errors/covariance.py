@@ -1,7 +1,7 @@
 """Covariances C = D + P P^T: white noise D plus errors common to all coordinates.
 
 The columns of P are the displacements by one sigma of each common error (reading, model, camera).
-Treating the coordinates as independent gives the right variances, but false alarms in tests.
+Treating the coordinates as independent gives the right variances but causes false alarms in tests.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ class Whitening:
     """An inverse root W of covariances: W^T W = C^-1, so that W times a residual is white.
 
     With D = diag(std^2) and P = diag(std) U S V^T, the root is W = (1 - U (1 - (1 + S^2)^-1/2)
-    U^T) / std: the part explained by the common errors is subtracted along U. Leading axes, such
-    as the frames of a recording, are a batch; coordinates that are not `seen` are ignored, even
-    NaN. log_volume: log of sqrt(det C / det D), summed over the batch.
+    U^T) / std: the component explained by the common errors is subtracted along U. Leading axes,
+    such as the frames of a recording, are a batch; coordinates that are not `seen` are ignored,
+    even NaN. log_volume: log of sqrt(det C / det D), summed over the batch.
     """
 
     __slots__ = ('directions', 'log_volume', 'seen', 'shrink', 'std')

@@ -8,10 +8,11 @@ from pneunet_ros.model.domain_position import DomainPosition
 
 
 def with_extrapolation_error(noise: Array, position: DomainPosition) -> Array:
-    """Return the noise input matrix (sources, causes) with the model error outside the domain.
+    """Add the model error outside the domain to the noise input matrix (sources, causes).
 
-    position: that of the load in the domain. The errors of F1, F2, M and chamber pressure are one
-    source each, after those of `noise_jacobian`. Inside the domain, the given matrix is returned.
+    position: of the load relative to the domain. The errors of F1, F2, M and chamber pressure are
+    one source each, appended to the sources of `noise_jacobian`. Inside the domain, the matrix is
+    returned unchanged.
     """
     if not any(position.error):
         return noise

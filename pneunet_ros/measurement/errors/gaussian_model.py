@@ -1,4 +1,4 @@
-"""Linear algebra of hypotheses: the part of a direction orthogonal to the base model.
+"""Linear algebra of hypothesis tests: the component of a direction orthogonal to the base model.
 
 All unknowns are scaled to unit prior. With columns X, residual r and position x of the unknowns
 (prior mean 0), V = 1 + X X^T is the covariance of residuals; z = E^T V^-1 r and C = E^T V^-1 E are
@@ -22,7 +22,7 @@ PER_RUN = ('columns', 'residuals', 'grams', 'information_vectors', 'squares', 'l
 class GaussianModel:
     """Runs as one linear problem: columns per run (rows, n), residuals (rows,), position (n,).
 
-    log_volumes: per run, of the covariance used for whitening.
+    log_volumes: log volume of the covariance used for whitening, per run.
     """
 
     columns: tuple[Array, ...]
@@ -82,7 +82,7 @@ class GaussianModel:
 
     @property
     def gain(self) -> float:
-        """Reduction of the cost by the best step."""
+        """Reduction of the cost by the optimal step."""
         return 0.5 * float(sum(self.information_vectors, -self.position) @ self.step)
 
     def solved(self, right: Array) -> Array:
@@ -91,7 +91,7 @@ class GaussianModel:
         return value
 
     def best_residuals(self) -> tuple[Array, ...]:
-        """Residuals (rows,) of each run after the best step."""
+        """Residuals (rows,) of each run after the optimal step."""
         pairs = zip(self.columns, self.residuals, strict=True)
         return tuple(rest - item @ self.step for item, rest in pairs)
 
@@ -115,7 +115,7 @@ class GaussianModel:
 
     @property
     def cost(self) -> float:
-        """Half of chi squared and prior at the best step, and the log volumes."""
+        """Negative log posterior at the optimal step, including log volumes."""
         squares = sum(self.squares) + float(self.position @ self.position)
         return 0.5 * squares - self.gain + sum(self.log_volumes)
 
@@ -128,6 +128,6 @@ class GaussianModel:
         return self.subset([which for which in range(len(self.grams)) if which != run])
 
     def evidence(self) -> float:
-        """Log probability of every run predicted from the others, summed."""
+        """Sum of the log probabilities of every run, predicted from the other runs."""
         total = self.log_probability()
         return sum(total - self.without(run).log_probability() for run in range(len(self.grams)))

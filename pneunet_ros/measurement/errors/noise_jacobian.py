@@ -23,7 +23,8 @@ def noise_jacobian(
     reading: pressure (Pa) and wrench (N, N m) of the sensors; std of F1, F2, M and the pressure.
     Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the model's
     covariance; the causes are those of `model.equilibrium.linearize_shape`. Sensing effects change
-    what an error of a reading means, and columns of the model what a reading means.
+    the response to a reading error, and columns of the model covariance change the meaning of a
+    reading.
     """
     columns = table.distance.size - 1
     size = PRESSURE + 1 + columns
@@ -53,7 +54,7 @@ def true_load(arm: Arm, load: tuple[float, ...]) -> Array:
 def propagate_covariance(
     noise: Array, tip: Array, stations: Array, added: Array, covariance: Array, std: Array
 ) -> bool:
-    """Propagate errors through a linear response; returns whether the result is finite.
+    """Propagate errors through a linear response; return whether the result is finite.
 
     noise (sources, causes): the noise input matrix; tip (causes, 3) and stations (causes, 6,
     stations) are the sensitivities; added (3, stations): an additional independent error of x, y

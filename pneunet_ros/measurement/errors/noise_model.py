@@ -1,8 +1,8 @@
 """Displacement by one sigma of each reading: the common errors of y = h(x) + e, as columns.
 
 Points are x, then y of all targets of a frame, as measured by a camera. A load of exactly zero is
-not a reading and has no error: in that frame nothing is attached, or in that recording no moment
-is measured. `attached_std` implements this rule.
+not a reading and has no error: either nothing is attached in that frame, or the recording has no
+measured moment. `attached_std` implements this rule.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ EDGE = 0.5  # s, invented: more than the delay of most cameras
 def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
     """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3).
 
-    A frame within `EDGE` of a reading has the error of that reading, since its delay is unknown.
+    A frame within `EDGE` of a reading has the error of that reading, because the delay is unknown.
     The interpolation error between two readings is included.
     """
     attached = np.any(run.load != 0.0, axis=1)
@@ -94,11 +94,10 @@ def reading_errors(
 
     model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as from
     `ForwardModel.point_jacobian`, with an additional row for a heading, which the camera does not
-    move. The last two errors are those of the camera between the nodes of its path. A known load
-    has the same error in every frame, and is one of the `Disturbances` instead. Frames are treated
-    as if each had its own readings. If several frames share readings, their errors are larger by
-    the square root of the number of these frames, which together then carry the information of the
-    shared readings.
+    move. The last two columns are the camera errors between the nodes of its path. A known load
+    has the same error in every frame and is one of the `Disturbances` instead. Frames are treated
+    as if each had its own readings. If n frames share readings, their errors are multiplied by
+    sqrt(n), so that together they carry the information of the shared readings only once.
     """
     moves = pressure_moves(model, arm, run, inputs, jacobian)
     pressure = pressure_std(noise, arm, run) * np.sqrt(frames_of_pressure(arm, run))
@@ -135,7 +134,7 @@ def shown_instants(arm: Arm, run: RecordingData) -> Stamps:
 def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
     """Return one sigma (Pa) of the pressure in every frame, (frames,).
 
-    It includes the noise of a reading and the interpolation error.
+    Includes the noise of a reading and the interpolation error.
     """
     missed = missed_pressure(noise, arm, run)
     return np.asarray(np.hypot(noise.pressure_std, missed))
@@ -144,7 +143,7 @@ def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
 def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
     """Return one sigma (Pa) of the interpolation error of the pressure, (frames,).
 
-    It is zero in static frames, and for a camera triggered together with the readings.
+    Zero in static frames, and for a camera triggered together with the readings.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))
@@ -157,9 +156,9 @@ def pressure_moves(
 ) -> Array:
     """Return the displacement per pascal of a reading, (frames, coordinates) m.
 
-    It uses the table of kappa_p0, or central differences if effects also depend on the pressure,
-    or change a wrench with it. With the table alone, an effect that depends on the pressure could
-    replace the table and so avoid its noise.
+    Computed from the table of kappa_p0, or by central differences if effects depend on the
+    pressure or change a wrench with it. With the table alone, a pressure-dependent effect could
+    replace the table and so evade the pressure noise.
     """
     slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
@@ -205,7 +204,7 @@ def model_errors(arm: Arm, inputs: Inputs) -> Array:
 def pressure_error(arm: Arm, inputs: Inputs, std: float) -> Array:
     """Return the displacement by one sigma (Pa) of pressure, (frames, 2, targets) m.
 
-    It is a central difference of the whole model, NaN where a neighbor has no equilibrium.
+    Central difference of the whole model; NaN where a neighbor has no equilibrium.
     """
     below, above = (
         solved_points(arm, replace(inputs, pressure=inputs.pressure + sign * PRESSURE_STEP))

@@ -58,9 +58,9 @@ class SeenShape:
     """Arclengths at which the shape was measured, and the accuracy.
 
     at: stations and measured places (m) with their changes; stations: indices of the stations;
-    seen: indices of the measured places; std (2, seen) m. Errors whose linear parts cancel at the
-    measured places, but whose second-order parts do not, cannot reach one sigma: the measurements
-    limit them to a size at which the second order equals the noise.
+    seen: indices of the measured places; std (2, seen) m. If the first-order effects of errors
+    cancel at the measured places but the second-order effects do not, the measurements limit the
+    errors to less than one sigma: to the size at which the second order equals the noise.
     """
 
     at: PlaceChanges
@@ -75,8 +75,8 @@ def propagate_errors(
     """Propagate errors through a solved rod, to second order.
 
     noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: the measured
-    places, if any, with the same stations. None if the response of the shape to its errors is
-    unbounded.
+    places, if any, with the same stations. Returns None if the response of the shape to its errors
+    is unbounded.
     """
     if seen is None:
         at = PlaceChanges(arclength=arclength, changes=sensitivity.stations(arclength))
@@ -132,7 +132,7 @@ def carry_errors(
     covariance: Array,
     std: Array,
 ) -> int:
-    """Compute `propagate_errors`; returns the failed step, NO_SIDES or UNBOUNDED.
+    """Kernel of `propagate_errors`; returns the failed step, NO_SIDES or UNBOUNDED.
 
     tip (causes, 3): the sensitivity of the free end; mixing (causes, single causes), of size 0 if
     every cause is single; kind and steps: as in `solve_sides`; changes (causes, 6, places) at

@@ -1,8 +1,9 @@
 """Quantization error of a sensor with coarse steps, such as a scale or a low-resolution ADC.
 
-At rest such a sensor seems to have no noise, but its error is up to half a step. Successive noisy
-readings of a fine sensor soon happen to be almost equal, but quantized readings never differ by
-less than a step. The smallest change between successive readings is therefore the step.
+At rest, such a sensor seems to have no noise, although its error is up to half a step. Among noisy
+readings of a fine sensor, two successive ones are soon almost equal, but quantized readings never
+differ by less than one step. The smallest change between successive readings therefore estimates
+the step.
 """
 
 from __future__ import annotations

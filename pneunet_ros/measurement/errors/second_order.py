@@ -1,12 +1,12 @@
 """Second-order effects of errors, where the linearization alone is overconfident.
 
 The tip of a nearly straight arm moves along the arm only by the square of an error, so that its
-covariance to first order is singular there. One direction is enough: the one in which errors of
-readings and model together move the tip most. With r(+-) the shapes at one sigma to either side,
-let delta = (r(+) + r(-) - 2 r(0)) / 2. An error of xi sigma moves the arm by xi J d + xi^2 delta.
-For normal xi, the second moment of the last term about the published shape is 3 delta delta^T, of
-which 2 are its covariance and 1 the square of its mean. The term is uncorrelated with the
-first-order error, and so counts as one more independent source.
+covariance to first order is singular there. One direction is enough: the direction in which errors
+of readings and model together move the tip most. With r(+-) the shapes at one sigma to either
+side, let delta = (r(+) + r(-) - 2 r(0)) / 2. An error of xi sigma moves the arm by xi J d + xi^2
+delta. For normal xi, the second moment of the last term about the published shape is 3 delta
+delta^T, of which 2 are its covariance and 1 the square of its mean. The term is uncorrelated with
+the first-order error and is therefore one more independent source.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """White noise of a sensor, estimated from recent readings of a changing quantity.
 
 High-order differences remove a signal that is smooth from reading to reading, but keep all white
-noise. If readings are too rare for that, some intermediate order leaves the least of the signal.
+noise. If readings are too sparse for that, an intermediate order leaves the smallest remainder of
+the signal.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ REPEATS = (
 def white_std(readings: Array) -> float:
     """Return an upper limit on one sigma of white noise of successive readings (n, k).
 
-    It is a median of differences, so that jumps do not count; 0 if there are too few readings.
-    Columns that often repeat do not count (an axis that is not measured, a frozen or coarsely
-    quantized sensor).
+    Computed from a median of differences, which is robust against jumps; 0 if there are too few
+    readings. Columns with many repeated values are excluded (an axis that is not measured, a
+    frozen or coarsely quantized sensor).
     """
     same = np.count_nonzero(readings[1:] == readings[:-1], axis=0)
     readings = readings[:, same <= REPEATS * len(readings)]

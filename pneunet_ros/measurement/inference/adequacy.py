@@ -1,4 +1,4 @@
-"""Limit of chi squared that noise alone exceeds rarely, for frames and models."""
+"""Upper limit of chi squared for frames and models whose residuals are consistent with noise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ RARELY = 3.719  # sigma: its one-sided normal quantile
 
 
 def chi_square_limit(coordinates: float) -> float:
-    """Return the chi square per coordinate that white noise exceeds once in 10 000 frames.
+    """Return the chi squared per coordinate that white noise exceeds in one of 10 000 frames.
 
     Source: Wilson & Hilferty, Proc. National Academy of Sciences 17 (1931).
     """

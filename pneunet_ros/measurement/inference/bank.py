@@ -1,8 +1,9 @@
 """A bank of hypotheses, each with its own belief.
 
 A hypothesis is a set of causes, and the belief given exactly these causes. All hypotheses use the
-same frames, and the evidence of each frame is added to their weights. A hypothesis that is far
-less likely than the best is dropped together with its belief, so nothing else has to be undone.
+same frames, and the evidence of each frame is added to their log weights. A hypothesis that is far
+less likely than the best is dropped together with its belief, so that nothing has to be undone in
+the others.
 
 Source: multiple models with common measurements: Magill, IEEE Trans. Automatic Control 10 (1965);
 evidence: MacKay, Neural Computation 4 (1992).
@@ -65,8 +66,9 @@ def ranked(
 def odds_relative_to_first(hypotheses: tuple[Hypothesis[Believed], ...]) -> list[float]:
     """Return the odds of every other hypothesis against the first one, at most 1.
 
-    They weight the distances by which the errors of the first hypothesis are widened. This gives
-    the second moment of a mixture or, because evidence is only as good as its models, more.
+    Used as weights when the errors of the first hypothesis are widened by the distances to the
+    others. The result is at least the second moment of the mixture, because evidence is only as
+    good as its models.
     """
     return [
         math.exp(min(one.log_weight - hypotheses[0].log_weight, 0.0)) for one in hypotheses[1:]

@@ -1,7 +1,7 @@
 """A Gaussian in square-root form, and its updates.
 
-The root (n, m) may have more columns than rows: process noise and reset unknowns add columns,
-measurements keep their number, and `compressed` makes the root square again.
+The root (n, m) may have more columns than rows: process noise and reset unknowns append columns,
+measurements do not, and `compressed` makes the root square again.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def widen(known: Known, where: Where, std: Array) -> Known:
 
 
 def without_prior(known: Gaussian, which: int, before: float) -> tuple[float, float]:
-    """Return the estimate of an unknown without its prior, and its sigma in the score test.
+    """Remove the prior of an unknown: return its estimate and its sigma in the score test.
 
     before: one sigma of its zero-mean prior. Both are infinite if the measurements have no
     information. Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
@@ -81,8 +81,8 @@ def prior_log_odds(
 ) -> float:
     """Return the log odds (nats) of another prior, given all measurements so far.
 
-    The prior is that of some constant unknowns; before, after: one sigma (k,) of the present and
-    of the other prior; center (k,): mean of both. -inf if one of the unknowns was known exactly.
+    The unknowns of the prior are constant; before, after: one sigma (k,) of the present and of the
+    other prior; center (k,): mean of both. Returns -inf if one of the unknowns was known exactly.
     """
     return (
         -math.inf if not before.all() else _other_prior(known, where, (before, after), center)[2]
@@ -94,7 +94,7 @@ def with_prior(
 ) -> tuple[Known, float]:
     """Replace the prior of some constant unknowns by another one, after all measurements.
 
-    The information of all measurements since is kept, and the correlated unknowns follow.
+    The information of all later measurements is kept, and correlated unknowns are updated.
 
     Args:
         known: mean and root of a belief that started from a prior on these unknowns.

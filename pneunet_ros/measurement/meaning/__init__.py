@@ -1,1 +1,1 @@
-"""What the numbers of a sensor mean: unit, reference, sign, axes and zero."""
+"""Meaning of a sensor's numbers: unit, reference, sign, axes and zero."""

@@ -16,7 +16,7 @@ def pressure_unit(size: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureConvention:
-    """One meaning of the numbers of a pressure sensor.
+    """Possible meaning of the numbers of a pressure sensor.
 
     unit: one of PRESSURE_UNITS. reference: GAUGE, or ABSOLUTE, from which `ambient` (Pa) is
     subtracted. sign: -1 if the two ports of a differential sensor are swapped. offset (Pa): added
@@ -35,7 +35,7 @@ class PressureConvention:
         return PRESSURE_UNITS[self.unit]
 
     def gauge(self, reading: float) -> float:
-        """Return the gauge pressure (Pa) that corresponds to a reading (in `unit`)."""
+        """Return the gauge pressure (Pa) of a reading (in `unit`)."""
         above = self.ambient if self.reference == ABSOLUTE else 0.0
         return self.sign * (reading * self.size - above) + self.offset
 

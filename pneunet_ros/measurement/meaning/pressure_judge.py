@@ -1,9 +1,9 @@
 """Most likely meaning of pressure readings: unit x reference x sign x zero.
 
 Each meaning is a hypothesis with a prior. Its likelihood is that of three features of the
-readings: the reading at rest, the one furthest from it, and the noise. The first two are compared
-by their logarithm, so that a unit alone is not evidence. If there are measured targets, the fit of
-the model to them counts as well. Live nodes and offline verbs use the same function.
+readings: the reading at rest, the reading furthest from rest, and the noise. The first two are
+compared on a logarithmic scale, so that a unit alone is not evidence. If targets were measured,
+the fit of the model to them counts as well. Live nodes and offline verbs use the same function.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ class PressureRecord:
 
     @property
     def returned(self) -> bool:
-        """Whether the last reading lies nearer to an end of the range than to its middle.
+        """Whether the last reading is nearer to an end of the range than to its middle.
 
         A pressure that is still rising does not show how far it will go.
         """
@@ -246,7 +246,7 @@ ANY_ACTUATOR = tuple(
 
 
 def expected_without_model(shipped: Arm) -> tuple[ExpectedPressure, ...]:
-    """Return the readings expected without a model: those of the shipped arm, or of any other."""
+    """Return the readings expected without a model: of the shipped arm, or of any other arm."""
     other_actuators = (
         replace(one, share=JUDGE.other_actuator * one.share) for one in ANY_ACTUATOR
     )
@@ -261,9 +261,9 @@ Fit = Callable[[PressureConvention], tuple[float, int]]
 class PressureVerdict(ReadingVerdict[PressureConvention]):
     """Most likely meaning of the readings of a pressure sensor.
 
-    alternatives: further meanings that are nearly as likely as the other one. low, high: those of
-    the readings, in the unit of the sensor; name of the actuator with which they were compared;
-    is_other_actuator: whether the declaration is right, but the readings are almost certainly from
+    alternatives: further meanings that are nearly as likely as the other one. low, high: range of
+    the readings, in the unit of the sensor; name: of the actuator used for comparison;
+    is_other_actuator: whether the declaration is right but the readings are almost certainly from
     another kind of actuator.
     """
 
@@ -291,7 +291,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
 
     @property
     def model_mismatch(self) -> str:
-        """Report readings that need another model; empty if this one fits."""
+        """Describe readings that need another model; empty if this model fits."""
         if self.contradicted or not self.is_other_actuator:
             return ''
         below = self.declared.gauge(self.low) + self.declared.gauge(self.high) < 0.0
@@ -324,7 +324,7 @@ def judge_pressure(
         expected: the expected pressures, of one arm or of several with their shares.
         fit: returns the fit of a model to measured targets under a meaning; None: no targets.
         moves: whether the arm is known to bend, so that its pressure changes.
-        running: whether more readings will follow, possibly including the largest.
+        running: whether more readings will follow, possibly larger ones.
 
     Returns:
         The verdict; None if there is no reading, or all are the same number, zero.
@@ -416,7 +416,7 @@ def features_of(record: PressureRecord, moves: bool, complete: bool) -> Features
 def meanings(
     record: PressureRecord, declared: PressureConvention, expected: Sequence[ExpectedPressure]
 ) -> Iterator[PressureConvention]:
-    """Yield the declared and all other meanings, with ambient pressure and zero from rest.
+    """Yield the declared and all other meanings; ambient pressure and zero follow from rest.
 
     An arm is at rest at the lowest reading, or at the highest if it is driven by vacuum.
     """

@@ -1,4 +1,4 @@
-"""Common parts of the judges of pressure and wrench: comparing the meanings of readings."""
+"""Common parts of the pressure and wrench judges: comparison of the meanings of readings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pneunet_ros.core.settings import tuning
 
 
 class Convention(Protocol):
-    """One meaning of the numbers of a sensor."""
+    """Possible meaning of the numbers of a sensor."""
 
     @property
     def words(self) -> str:

@@ -1,8 +1,8 @@
 """Most likely meaning of end wrench readings: unit x sign x yaw x tare.
 
 In complex numbers f = F1 + i F2, a force sensor reading is u e^(i yaw) f + tare in the base frame.
-Measured targets show the true force, and conventions are compared by their residuals; without
-targets, by the loads of the calibration.
+With measured targets, which determine the true force, conventions are compared by their residuals;
+without targets, by the loads of the calibration.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ JUDGE = WrenchJudgeSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrenchConvention:
-    """One meaning of the numbers of a force sensor.
+    """Possible meaning of the numbers of a force sensor.
 
     unit: one of FORCE_UNITS. sign: -1 if the reaction is reported. yaw (rad) of its axes in the
     base frame, counter-clockwise. offset_x, offset_y (N, base frame): added at the end. frame: the
@@ -238,7 +238,7 @@ def load_hint(arm: Arm, declared: WrenchConvention, force: complex, pressure: fl
 
 
 def meanings(declared: WrenchConvention, shown: ShownForces | None) -> Iterator[WrenchConvention]:
-    """Yield the declared meaning and all others; with targets, also any yaw and the tare."""
+    """Yield the declared meaning and all others; with targets, also the fitted yaw and tare."""
     right = 0.5 * math.pi
     turns = (0.0, right, -right) if shown is None else (0.0, right, -right, best_yaw(shown))
     for unit, sign, turn in product(FORCE_UNITS, (1, -1), turns):
