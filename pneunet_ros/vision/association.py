@@ -1,8 +1,8 @@
 """Association: assign the blobs of a single image to the targets of the row.
 
-A row is grown target by target from the clamp: the next one is expected on the arc through the
-last ones, at the known spacing. The few best rows so far are kept at each step, so that a glint
-next to the arm does no harm, and a target may be missing if nothing fits.
+A row is grown target by target from the clamp: the next target is expected on the arc through the
+last targets, at the known spacing. Beam search: the few best rows are kept at each step, so that a
+glint next to the arm does no harm. A target may be missing if no blob fits.
 """
 
 from __future__ import annotations
@@ -121,9 +121,9 @@ def rows_anywhere(
 
     points (blobs, 2) in any coordinates that preserve shapes; shapes: as in `row_from_clamp`;
     costs (blobs,): of each blob in a row, None if all are equal; limit: largest cost of the seen
-    targets of a row. A row that continues beyond its ends with more similar blobs is rejected. The
-    best reading of each row comes first; of many rows, only the best are returned. The same blobs
-    may be read from either end.
+    targets of a row. A row that continues beyond its ends with more similar blobs is rejected.
+    Rows are sorted by cost, and only the best are returned. The same blobs may be read from either
+    end.
     """
     if len(points) < arclength.size:
         return []
@@ -160,8 +160,8 @@ def _is_whole(
 def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
     """Return a row, and its reversal if its spacings are symmetric.
 
-    A row is grown by similarity to its last blobs, so dots of different sizes may be found from
-    one end only.
+    A row is grown by similarity to its last blobs, so that dots of different sizes may be found
+    from one end only.
     """
     if not _is_symmetric(arclength):
         return (row,)
@@ -175,13 +175,13 @@ def _is_symmetric(arclength: Array) -> bool:
 
 
 def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
-    """Return the share of the blobs of a row that also belong to another."""
+    """Return the fraction of the blobs of a row that also belong to another row."""
     mine = row.chosen[row.chosen >= 0]
     return float(np.isin(mine, other.chosen).mean()) if mine.size else 0.0
 
 
 class Readings:
-    """Rows found so far, each once: the same blobs read from either end are two rows."""
+    """Distinct rows found so far; the same blobs read from either end are two rows."""
 
     def __init__(self, blobs: int) -> None:
         self.rows: list[TargetRow] = []
@@ -190,7 +190,7 @@ class Readings:
         self._chosen: Array = np.empty((0, 0))
 
     def add(self, row: TargetRow) -> None:
-        """Take up a row that is not known yet."""
+        """Add a row unless it is already known."""
         seen, ranks = _ranks(row)
         self._ranks[len(self.rows), seen] = ranks
         self._belong[len(self.rows), seen] = True
@@ -198,7 +198,7 @@ class Readings:
         self._chosen = np.array([one.chosen for one in self.rows])
 
     def have(self, row: TargetRow) -> bool:
-        """Whether a row is a reading, from the same end, of blobs that are known as a row."""
+        """Whether a row is already known, read from the same end."""
         count = len(self.rows)
         if not count:
             return False

@@ -1,6 +1,6 @@
-"""Grow rows among blobs, target by target: the kernels of `association`.
+"""Grow rows of blobs, target by target: the kernels of `association`.
 
-The next target is expected on the arc through the last ones, at the known spacing. Only the few
+The next target is expected on the arc through the last targets, at the known spacing. Only the few
 best rows are kept at each step.
 """
 
@@ -85,7 +85,7 @@ class BeamSearchSettings:
         return self.farthest**2
 
     def dearest(self, targets: int) -> float:
-        """Return the most that a row of targets found anywhere may cost."""
+        """Return the largest cost of a row of targets found anywhere."""
         return targets * ((1.0 - self.seen) * self.missing + ODD**2)
 
 
@@ -103,8 +103,8 @@ class BlobColumns(NamedTuple):
     """Blobs in the working plane: x, y (blobs,), looks (LOOKS, blobs), and costs (blobs,).
 
     looks: logarithms of the size, of the elongation (two: along and diagonal to the image axes)
-    and of the blur; 0 if unknown for all blobs. costs: of a blob in a row, in addition to those of
-    its position and appearance.
+    and of the blur; 0 if unknown for all blobs. costs: of a blob in a row, in addition to the
+    costs of its position and appearance.
     """
 
     x: Array
@@ -130,11 +130,12 @@ def grow_rows(
 ) -> tuple[Indices, Array]:
     """Grow a row from each start; `chosen` (starts, targets): its targets so far.
 
-    starts (starts, LAST + 1): the beginnings of the rows, all up to the same target; whole: the
-    first three targets and the last must be seen, and as large a share of all as in a row found
-    anywhere; limits (targets,): largest cost of the seen targets up to each target; least: the
-    fewest targets of a whole row, None for all of them: a row that cannot be continued ends there.
-    Returns the best row of each start, and the costs (starts,), infinite if there is none.
+    starts (starts, LAST + 1): the beginnings of the rows, all up to the same target; whole:
+    whether the first three targets and the last must be seen, and as many of all targets as in a
+    row found anywhere; limits (targets,): largest cost of the seen targets up to each target;
+    least: the fewest targets of a whole row, None for all targets: a row that cannot be continued
+    ends there. Returns the best row of each start, and the costs (starts,), infinite if there is
+    none.
     """
     if limits is None:
         limits = np.full(arclength.size, math.inf)
@@ -376,10 +377,10 @@ def _longer_arc(turn: float) -> float:
 def off_arc(x: float, y: float, row: Array, ahead: float) -> tuple[float, float]:
     """Return the distance of a blob from the extrapolated arc, along and across it, in x units.
 
-    row (LAST + 1,); ahead m. An arc with the heading of the row leads to the blob: its turn gives
-    the distance across. The distance along is between those of chord and arc, because the heading
-    is not known exactly. At the clamp itself, where no arc is known, along and across refer to the
-    heading.
+    row (LAST + 1,); ahead m. The arc from the last blob, tangent to the row, ends at this blob;
+    its turn gives the distance across. The distance along is between the lengths of chord and arc,
+    because the heading is not known exactly. At the clamp itself, where no arc is known, along and
+    across refer to the heading.
     """
     step_x, step_y = x - row[X], y - row[Y]
     if ahead <= 0.0:
@@ -409,7 +410,7 @@ def look_differences(
 ) -> tuple[float, float, float]:
     """Return the differences in size, shape and blur of a blob from a row, sigma.
 
-    They are 0 if nothing is known of the row.
+    The differences are 0 if the appearance of the row is unknown.
     """
     if math.isnan(row[SIZE]):
         return 0.0, 0.0, 0.0
@@ -425,8 +426,8 @@ def look_differences(
 def look_cost(blobs: Array, blob: int, row: Array, search: BeamSearchSettings) -> float:
     """Return the cost of a blob that looks different from a row.
 
-    It is limited to that of `ODD` sigma, because one target may be far larger (a truncated
-    square), cut off or touched by a glint; plus the cost of this blob in any row.
+    The cost is limited to that of `ODD` sigma, because a target may be far larger (a truncated
+    square), cut off or touched by a glint. The cost of this blob in any row is added.
     """
     size, shape, blur = look_differences(blobs, blob, row, search)
     odd, own = ODD, float(blobs[OWN_COST, blob])

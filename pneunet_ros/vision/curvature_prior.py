@@ -1,10 +1,10 @@
 """The prior of the curvature of an arm: a Gaussian process.
 
 Curvature is smooth along the arm, except for a break at l1 if the model has one and the arm is
-pulled. l1 depends on pressure, which the camera does not see, so the covariance is averaged over
-the positions of l1 in the model. Size and smoothness of the curvature are learnt once, by marginal
-likelihood of shapes predicted by the model; its profile along the arm is not, because measured
-centerlines are meant to test the model.
+pulled. l1 depends on pressure, which the camera does not measure, so the covariance is averaged
+over the positions of l1 in the model. Size and smoothness of the curvature are learned once, by
+maximizing the marginal likelihood of shapes predicted by the model. The profile along the arm is
+not learned, because measured centerlines are meant to test the model.
 """
 
 from __future__ import annotations
@@ -108,9 +108,9 @@ def without_line(arclength: Array) -> Array:
 def learn_priors(arm: Arm, settings: PriorSettings = PRIOR) -> tuple[CurvaturePrior, ...]:
     """Learn a prior of curvature at the targets of the arm; deterministic.
 
-    There is one prior without a break, for the free arm, and one with it, for the pulled arm; only
-    one for both if the moment law has no break. Each is repeated for smoother shapes, so that not
-    every shape is assumed to be as uneven as the worst one of the model.
+    One prior without a break is for the free arm, one with a break for the pulled arm; a single
+    prior serves for both if the moment law has no break. Each prior is repeated for smoother
+    shapes, so that shapes are not assumed to be as uneven as the worst one of the model.
     """
     splits = splits_of(arm)
     free, pulled = family(arm, settings)
@@ -132,8 +132,8 @@ def learn_prior(
 ) -> CurvaturePrior:
     """Return the prior with the largest likelihood for these shapes, given as in `family`.
 
-    The end of the search depends on the last digits of its sums, and thus on the number of threads
-    and on compiled kernels; the measured curve must not, so the result is rounded.
+    The end of the search depends on rounding errors, and thus on the number of threads and on
+    compiled kernels. The result is rounded, so that the measured curve does not depend on them.
     """
     targets, length = arm.target_arclength, arm.reach
     line_free = without_line(targets)

@@ -1,7 +1,7 @@
 """Frame-to-frame gating of a row of targets: predictions and acceptance.
 
 Positions are in the working plane, in any unit that preserves shapes; NaN for a target that is not
-seen. All functions are pure and work on the whole row.
+seen. All functions are pure and process the whole row.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ def consistent_spacing(
 ) -> Mask:
     """Return the targets that lie on a smooth row with the right spacings (targets,).
 
-    It first removes targets at a wrong distance from most of their neighbors, then those off a
-    smooth curve through the others, until the rest fit; an arm with three targets has no such
-    curve. Targets are removed one at a time, always the one without which the others fit best,
-    because a wrong target distorts the curve of its neighbors. x, y are in m, or scaled so that
-    the arm has about its length. A target at either end of the row is rejected if it is `farthest`
-    spacings or more from the next; `longest`: as in `GatingSettings`.
+    First removes targets at a wrong distance from most of their neighbors, then targets off a
+    smooth curve through the others (an arm with three targets has no such curve), until the
+    remaining ones fit. Targets are removed one at a time, each time the one without which the
+    others fit best, because a wrong target distorts the curve of its neighbors. x, y are in m, or
+    scaled so that the arm has about its length. A target at either end of the row is rejected if
+    it is `farthest` spacings or more from the next; `longest`: as in `GatingSettings`.
     """
     places, rest = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
     others, count = np.empty(x.size, np.int64), NOTHING_BEFORE
@@ -126,7 +126,7 @@ def _misfit(
 def _wrong_distances(
     x: Array, y: Array, arclength: Array, places: Indices, here: int, longest: float
 ) -> float:
-    """Return twice the share of neighbors that are too far away; 2 without neighbors."""
+    """Return twice the fraction of neighbors at a wrong distance; 2 without neighbors."""
     target = places[here]
     wrong = known = 0
     for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
@@ -150,7 +150,7 @@ def _off_the_curve(
     farthest: float,
     scratch: Indices,
 ) -> float:
-    """Return how far a target is off the curve through its neighbors; above 1 it is rejected."""
+    """Return the distance of a target from the curve of its neighbors; rejected above 1."""
     target, others = places[here], scratch[: places.size - 1]
     if others.size < 2:
         return 2.0
@@ -169,8 +169,8 @@ def _off_the_curve(
 def expected_points(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
     """Return the predicted positions of all targets (targets,) from those seen.
 
-    Between two seen targets this is a cubic with their tangents; beyond the last one on either
-    side an arc through the last three, or a line.
+    Between two seen targets: a cubic with their tangents. Beyond the last target on either side:
+    an arc through the last three, or a line.
     """
     count = x.size
     at_x, at_y, places = np.empty(count), np.empty(count), np.empty(count, np.int64)
@@ -198,7 +198,8 @@ def _from_others(
 ) -> tuple[float, float, float]:
     """Return the position of a target predicted from the others; after: number of them before it.
 
-    The third value is the error of the distance from there, if all places have an error of 1.
+    The third value is the error of the distance from the prediction, if all positions have an
+    error of 1.
     """
     if after == 0:
         third = places[2] if places.size > 2 else -1
@@ -249,11 +250,11 @@ def _along_arc(
 def consistent_motion(
     off: Array, spacing: float, gating: GatingSettings = GATING
 ) -> tuple[Mask, Mask]:
-    """Return the targets that deviate from their predictions like their neighbors, and the others.
+    """Return the targets that deviate from predictions as their neighbors do, and the others.
 
-    off (targets, 2): offset of each from its prediction, in the unit of `spacing`; NaN for those
-    without a prediction of their own or not seen, which are not judged. A glint next to a target,
-    or a partial cover, moves only the center of that target.
+    off (targets, 2): offset of each from its prediction, in the unit of `spacing`; NaN for targets
+    that are not seen or have no prediction of their own; these are not tested. A glint next to a
+    target, or a partial cover, moves only the center of this target.
     """
     known = np.isfinite(off[:, 0]) & np.isfinite(off[:, 1])
     places = np.flatnonzero(known)
@@ -282,8 +283,8 @@ def consistent_size(
     """Return the blobs of plausible area, relative to the usual one and to neighbors (targets,).
 
     usual: area of each so far; elongation: largest axis over smallest. A partly covered blob is
-    smaller, one merged with a glint is larger or longer, and their centers are not those of the
-    target. Light and motion change neighbors alike.
+    smaller, a blob merged with a glint is larger or longer, and the center of either is not that
+    of the target. Light and motion change neighboring blobs in the same way.
     """
     size = area / usual
     one = np.ones_like(area)
@@ -323,8 +324,9 @@ def initial_area(area: Array, whole: Mask, gating: GatingSettings = GATING) -> A
     """Return the expected areas of targets after they are found (targets,).
 
     area: NaN for a target that is not seen; whole: seen with its whole edge. A whole target keeps
-    its area, because dots painted by hand differ. Any other starts no smaller than its neighbors,
-    because it may be partly covered, and hardly larger, because it may be merged with a glint.
+    its area, because dots painted by hand differ. The area of any other target starts no smaller
+    than that of its neighbors, because the target may be partly covered, and hardly larger,
+    because it may be merged with a glint.
     """
     known = np.isfinite(area)
     of_few = np.full(area.size, np.median(area[known]) if known.any() else math.nan)

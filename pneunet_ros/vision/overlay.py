@@ -1,4 +1,4 @@
-"""The image of a frame with its results: targets with ids, curve, reason."""
+"""Annotated image of a frame: targets with ids, curve, reason."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def curve_in_image(curve: MeasuredCurve, plane: Plane, lens: Lens) -> Array:
 
 
 def headline(tracking: Tracking) -> str:
-    """Return a headline for a frame: why it has no result, or its missing targets."""
+    """Return the headline of a frame: the reason for a missing result, or the missing targets."""
     if tracking.reason:
         return f'{tracking.reason}: {tracking.sentence}'
     sightings = tracking.sightings

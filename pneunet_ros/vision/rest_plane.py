@@ -1,7 +1,7 @@
 """Scale and base frame from the arm at rest, as in the paper if it is straight.
 
-Some frames are averaged, in any order and possibly with missing targets. The search uses only the
-number and spacing of the targets, because position and scale are unknown.
+Several frames are averaged, in any order and possibly with missing targets. The search uses only
+the number and spacing of the targets, because position and scale are unknown.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class RestAverage:
 class RestSearch:
     """Rest positions of the arm, most recently updated first.
 
-    A frame that fits none of them starts a new one, without affecting the others.
+    A frame that fits no known position starts a new one.
     """
 
     places: tuple[RestAverage, ...] = ()
@@ -145,9 +145,9 @@ def plane_at_rest(
 ) -> Plane:
     """Return the working plane of an arm at rest: targets (n, 2) normalized, arclength (n,) m.
 
-    For a straight arm, the outermost seen targets determine the plane; for an arm that is bent at
-    rest, the arc length between them and the heading at the clamp. clamp_angle: of that heading in
-    the base frame, rad.
+    The plane of a straight arm follows from the outermost seen targets; that of an arm bent at
+    rest, from the arc length between them and the heading at the clamp. clamp_angle: this heading
+    in the base frame, rad.
     """
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     points, arclength = points[seen], arclength[seen]
@@ -191,10 +191,10 @@ def spacing_of(points: Array, arclength: Array) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Failure:
-    """Reason why a frame does not show the arm: a key for counting, a sentence for users.
+    """Reason for which no arm was found in a frame: a key for counting, a sentence for users.
 
-    seen: number of targets that form a row nevertheless; found (areas, 2) px: the candidate areas,
-    and blobs: their measurements, if made.
+    seen: number of targets in the best partial row; found (areas, 2) px: the candidate areas, and
+    blobs: their measurements, if made.
     """
 
     reason: str
@@ -222,7 +222,7 @@ def row_at_rest(
     clamp_pixel: (u, v) of the first target, None for the left end; straightness: largest distance
     from the line between the ends, relative to its length; infinite for a bent arm; shapes (blobs,
     3), as in `Blobs`, None if unknown; costs (blobs,): as in `rows_anywhere`; limits: largest cost
-    of a row in successive searches, which end once the rows found are decisive.
+    of a row in successive searches, which end when the rows found are decisive.
     """
     count = arclength.size
     found: TargetRow | Failure = no_row(count, len(points))
@@ -243,7 +243,7 @@ def row_at_rest(
 
 
 def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
-    """Return the cost up to which all rows must be known to decide among these (best first)."""
+    """Return the cost limit within which all rows must be known to select one (best first)."""
     best = rows[0]
     least = _cost_of_seen(best, vision)
     others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]
@@ -303,7 +303,7 @@ def _best_row(
 
 
 def no_row(targets: int, areas: int) -> Failure:
-    """Return the failure that this many areas contain no row of this many targets."""
+    """Return the failure of finding a row of this many targets among this many areas."""
     return Failure(
         reason='no_row',
         sentence=f'no row of {targets} targets with the distances of target_arclength among '
@@ -315,7 +315,7 @@ def no_row(targets: int, areas: int) -> Failure:
 def _is_upright(
     best: TargetRow, rows: list[TargetRow], pixels: Array, vision: VisionSettings
 ) -> bool:
-    """Whether a row can be read from either end, and neither is clearly the left one."""
+    """Whether a row can be read from either end, and neither end is clearly the left one."""
     first, last = best.chosen[[0, -1]].tolist()
     across, down = np.abs(pixels[last] - pixels[first]).tolist()
     turned = any(row.chosen[0] == last for row in rows)
@@ -347,11 +347,11 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
 
 
 def _rivals(best: TargetRow, rows: list[TargetRow], vision: VisionSettings) -> list[TargetRow]:
-    """Return the rows (best first) that may also be an arm, without those due to chance.
+    """Return the rows (best first) that may also be an arm, excluding those due to chance.
 
-    Rows count as chance if their targets fit much worse than those of the best; half of that
-    difference suffices if the best stands out from many rows, as in printed text. The number of
-    such rows below some cost is modeled as a power of that cost, estimated from these rows.
+    Rows are attributed to chance if their targets fit much worse than those of the best row; half
+    of this difference suffices if the best row stands out from many rows, as in printed text. The
+    number of such rows below a cost is modeled as a power of the cost, fitted to these rows.
     """
     least, worse = _cost_of_seen(best, vision), CHANCE
     others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]

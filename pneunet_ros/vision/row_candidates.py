@@ -1,8 +1,8 @@
 """Rows of targets among blobs, of unknown position and scale, with costs up to a limit.
 
-In clutter, nearly every pair of neighbors begins a long row if only its total cost is limited.
-Here a limit per target ends most of them after a step or two. A row of the arm is still found,
-starting at the target from which its average cost is lower than that.
+In clutter, nearly every pair of neighbors begins a long row if only the total cost is limited. A
+limit per target ends most of these rows after a step or two. The row of the arm is still found,
+starting at the target from which its average cost stays below the limit.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class RowCandidates:
     def neighbors(self) -> Pairs:
         """Pairs of a blob and one of its neighbors, which may be the first two of a row.
 
-        If only some blobs have no cost, the second one of a row is any of these.
+        If only some blobs have no cost, the second blob of a row must be one of them.
         """
         x, y, _, costs = self.blobs
         free = np.flatnonzero(costs == 0.0)
@@ -95,9 +95,9 @@ class RowCandidates:
         return first[distinct], second[distinct]
 
     def near(self, others: Array, limit: float) -> Indices:
-        """Return which of other points (n, 2) are near rows within a limit, or their extensions.
+        """Return the indices of other points (n, 2) near rows within a limit, or their extensions.
 
-        Returns all of them if nearly every blob begins a row.
+        Returns all indices if nearly every blob begins a row.
         """
         rows = self.rows_within(limit)
         if rows is None:
@@ -108,7 +108,7 @@ class RowCandidates:
         return self._near[key]
 
     def _near_rows(self, others: Array, rows: list[PlacedRow]) -> Indices:
-        """Return which of other points (n, 2) are near rows, or their extensions."""
+        """Return the indices of other points (n, 2) near rows, or near their extensions."""
         near, left = np.zeros(len(others), np.bool_), np.arange(len(others))
         for chosen, places in rows:
             row = self.points[chosen]
@@ -135,7 +135,7 @@ class RowCandidates:
         return first, second
 
     def are_crowded(self, crowd: int, limit: float) -> bool:
-        """Whether rows within a limit occur by chance, because there are many parts of rows.
+        """Whether there are so many parts of rows that rows within a limit occur by chance.
 
         crowd: number of parts, none of which share a blob.
         """
@@ -155,8 +155,8 @@ class RowCandidates:
     def rows_within(self, limit: float) -> list[PlacedRow] | None:
         """Find the rows within a limit; None if there are more than `most` parts.
 
-        They may continue beyond their ends; if none shows all targets, the first or last one is
-        missing.
+        The rows may continue beyond their ends; if none shows all targets, the first or last one
+        is missing.
         """
         if limit not in self._within:
             self._within[limit] = self._grown_from_stretches(limit)
@@ -195,10 +195,10 @@ class RowCandidates:
     def _stretches(self, limit: float) -> Iterator[tuple[int, Indices, Array]]:
         """Yield the final parts of rows within a limit: first target, blobs and costs.
 
-        A stretch costs no more than `rate` a target up to each of its targets, which other blobs
-        rarely do for `run` targets. In each row one begins where the cost so far exceeds that rate
-        by most. As the row as a whole costs less, by `rate * run` or more, `run` targets follow
-        there at least.
+        Up to each of its targets, the cost of a stretch is at most `rate` per target; other blobs
+        rarely achieve this for `run` targets. In each row, a stretch begins where the cost so far
+        exceeds the rate by most. Because the whole row costs less than the rate by `rate * run` or
+        more, at least `run` targets follow from there.
         """
         arclength, run = self.arclength, self._run
         steps = arclength.size - 2
@@ -230,7 +230,7 @@ def grown_from_pairs(
 
 
 def starts_of(blobs: BlobColumns, arclength: Array, pairs: Pairs) -> tuple[Array, Indices]:
-    """Return what is known of rows that begin with pairs of blobs (pairs,), and the rows."""
+    """Return the initial states of rows that begin with pairs of blobs (pairs,), and the rows."""
     (x, y, looks, costs), (first, second) = blobs, pairs
     starts = np.zeros((len(first), LAST + 1))
     starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
@@ -273,5 +273,5 @@ def blob_columns(
 
 
 def _last_seen(rows: Indices) -> Indices:
-    """Return the last seen target of each row (rows, targets), all of which show some."""
+    """Return the last seen target of each row (rows, targets); every row must show a target."""
     return np.asarray(rows.shape[1] - 1 - np.argmax(rows[:, ::-1] >= 0, axis=1))

@@ -1,4 +1,4 @@
-"""The end of a row of targets: at a gap that is too long, unless similar blobs follow."""
+"""The end of a row of targets: a gap that is too long, unless similar blobs follow."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ def truncate_row(
 ) -> None:
     """End a row at the first gap that does not match the number of missing targets.
 
-    Beyond such a gap, the count may be off by one target. The length of a gap is that of a curve
-    with the headings at its ends; the targets next to it show how far the arm is stretched.
+    Beyond such a gap, the index may be off by one target. The length of a gap is that of a curve
+    with the headings at its ends; the stretch of the arm is estimated from the targets next to the
+    gap.
     """
     seen = np.flatnonzero(chosen >= 0)
     if seen.size < 3:

@@ -1,7 +1,7 @@
 """Appearance of a target from its neighbors: size, shape and blur change little along the row.
 
 A partly visible target (cut off by the end of the arm, behind a finger, or in front of a
-background of the same grey) is located by fitting an outline like those of its neighbors to the
+background of the same grey level) is located by fitting the outline of its neighbors to the
 visible part.
 """
 
@@ -110,12 +110,12 @@ def looks_of_neighbors(
 ) -> Array:
     """Return the looks of targets predicted from neighbors, as `outlines` at (targets, 2) px.
 
-    table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: size of each relative
-    to the others, NaN for one never seen whole. Shape, smear, plateau and relative size are from a
+    table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: relative sizes of the
+    targets, NaN for a target never seen whole. Shape, smear, plateau and relative size are from a
     line through the nearest neighbors with whole edges; the scatter about this line is the
-    uncertainty. The size of a target without a known size is as uncertain as the sizes of
-    neighbors differ. NaN for a target with too few neighbors. A target that is smaller than sizes
-    usually differ, because a finger covers a part of it, is left out.
+    uncertainty. The uncertainty of an unknown size is the scatter of the sizes of neighbors. NaN
+    for a target with too few neighbors. Targets much smaller than expected, because a finger
+    covers a part of them, are excluded.
     """
     whole = has_whole_edge(table, settings)
     first = _looks_of(table, places, own, whole, settings)
@@ -199,8 +199,8 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
 def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
     """Whether the edges of targets (targets, COLUMNS) are completely visible.
 
-    Whether an edge is on an outline depends on its uncertainty: an edge that is far more uncertain
-    than others, and than its motion explains, does not count.
+    Whether an edge is on an outline depends on its uncertainty. An edge that is far more uncertain
+    than others, and than its motion explains, is ignored.
     """
     error = table[:, STD]
     known = np.sort(error)[: np.count_nonzero(np.isfinite(error))]
@@ -215,8 +215,8 @@ def shows_own_size(
 ) -> Mask:
     """Whether targets (targets, COLUMNS) are visible enough to measure their own size.
 
-    They are whole, or larger than their neighbors by most of their edge; for a target that moves
-    by more than a radius during the exposure, the motion may count as length.
+    These targets are whole, or larger than their neighbors along most of their edge; for a target
+    that moves by more than a radius during the exposure, the motion may be mistaken for length.
     """
     large = is_larger(table[:, AREA], gating) & (table[:, SEEN] >= OWN_SIZE)
     large &= np.sum(table[:, SMEAR] ** 2, axis=1) <= table[:, AREA] / math.pi
@@ -261,8 +261,8 @@ def believable_parts(
 ) -> Mask:
     """Whether partly visible targets (targets, COLUMNS) match their neighbors.
 
-    expected: as from `looks_of_neighbors`; share: as from `share_of_area`. A cover has another
-    grey level and its own edge; it makes a target smaller, never larger.
+    expected: as from `looks_of_neighbors`; share: as from `share_of_area`. A cover has a different
+    grey level and its own edge, and makes a target smaller, never larger.
     """
     off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
     similar = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
@@ -282,10 +282,10 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
     """Return the standard errors of the centers of partly visible targets, px.
 
     found (targets, COLUMNS); expected: as from `looks_of_neighbors`. If a target moves along the
-    edge of its cover during the exposure, both edges look similar, and the outline fits between
-    them. If the end of the arm cuts off a target of unknown size, a smaller one fits as well. If
-    level or blur differ from the neighbors by more than expected, the model is wrong, and the
-    error of the fit is increased by the same factor.
+    edge of its cover during the exposure, both edges look similar, and the outline may fit
+    anywhere between them. If the end of the arm cuts off a target of unknown size, a smaller
+    target fits as well. If level or blur differ from the neighbors by more than expected, the
+    model is wrong, and the error of the fit is increased by the same factor.
     """
     along = _error_along(found, settings)
     size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)

@@ -20,7 +20,7 @@ MOST_PASSES = 3  # over a frame, while lost targets are found again
 
 
 def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
-    """Find the row near its prediction, and predict the next; None if it is lost."""
+    """Find the row near its prediction, and predict the next row; None if the row is lost."""
     vision, count = view.vision, view.arclength.size
     predicted, reach = last.predict(view.image.stamp_ns), view.settings.gate * last.spacing
     table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)

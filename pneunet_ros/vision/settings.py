@@ -47,7 +47,7 @@ class VisionSettings:
 
     @property
     def parts(self) -> tuple[Any, ...]:
-        """The settings of all steps, as `settings_used` takes them."""
+        """The settings of all steps, in the form of `settings_used`."""
         return tuple(getattr(self, item.name) for item in fields(self))
 
     def appearance(self, camera: CameraSettings) -> Appearance:

@@ -1,7 +1,7 @@
-"""Several rows of targets in the images of one camera: a tracker for each, no target in two rows.
+"""Several rows of targets in the images of one camera: one tracker each, no target in two rows.
 
 The trackers share the processing of an image. If two rows claim one blob, the row with the nearer
-prediction keeps it, and the tracker of the other processes the image again without it.
+prediction keeps the blob, and the tracker of the other row processes the image again without it.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def step_rows(
     """Process an image or a lens for all trackers, like `Tracker.step` for one.
 
     Tracked rows come first: their blobs are not available to a search. Each tracker that loses
-    blobs to another one processes the image again; this may claim blobs of a third one, so it is
-    repeated up to the number of trackers.
+    blobs to another one processes the image again. Because this may claim blobs of a third row,
+    the procedure is repeated up to the number of trackers.
     """
     if isinstance(reading, Lens):
         return [one.step(state, reading) for one, state in zip(trackers, states, strict=True)]
@@ -80,7 +80,7 @@ def check_rows(trackers: Mapping[str, Tracker]) -> None:
 def _lost_blobs(
     trackers: Sequence[Tracker], states: Sequence[TrackerState], steps: Sequence[Step]
 ) -> Iterator[tuple[int, Array]]:
-    """Yield each tracker with the blobs (n, COLUMNS) that another one takes."""
+    """Yield each tracker with the blobs (n, COLUMNS) that it loses to another one."""
     claims = [_claims(*one) for one in zip(trackers, states, steps, strict=True)]
     for second, (blobs, off) in enumerate(claims):
         for first, (others, others_off) in enumerate(claims[:second]):

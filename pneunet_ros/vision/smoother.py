@@ -1,19 +1,19 @@
 """Smooth centerline through the targets, and its curvature (Eq 1), with uncertainty.
 
-It is a Gaussian process whose prior was learnt once. Its operator depends on which targets were
-seen and how much less accurately than others, not on their positions: it is computed once for each
-set of targets and kept.
+The curve is a Gaussian process with a prior learned once. The smoothing operator depends on which
+targets were seen and on their relative accuracy, not on their positions; it is computed once per
+set of seen targets and cached.
 
 The tangent of the curve is exp(stretch + i angle), with the logarithm of the stretch and the angle
 as functions of arclength. The logarithm of the chord between two neighboring targets, divided by
 their distance along the arm, is the mean of stretch + i angle between them; only the chord of an
-arc is shorter than the arc. Summed up along the arm, chords give a line whose noise is that of the
-targets: the arm straightened out. Its second derivative is the curvature, and one linear operator
-smooths it, whatever the shape.
+arc is shorter than the arc. Summed up along the arm, the chords give a line with the noise of the
+targets: the straightened arm. The second derivative of this line is the curvature, and one linear
+operator smooths it for any shape.
 
-The accuracy of targets is not taken from `sensors.target_std`, which is one number for all
-cameras: the sightings have a standard deviation for each, and if the residuals of a frame are
-larger (badly placed dots), the noise level is the one that explains them.
+The accuracy of targets is not `sensors.target_std`, which is one number for all cameras, but the
+standard deviation of each sighting. If the residuals of a frame are larger (badly placed dots),
+the noise level is estimated from the residuals.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def smoother_numbers(settings: SmootherSettings) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredCurve:
-    """The measured centerline at stations between the first and the last target that it takes.
+    """The measured centerline at stations between the first and the last target used.
 
     All arrays have one entry per station: material arclength (m), x and y (m, base frame), theta
     (rad, continuous, from (-pi, pi] at the first station), curvature by Eq 1 (1/m, per stretched
@@ -101,11 +101,11 @@ class MeasuredCurve:
 class SmoothingOperator(NamedTuple):
     """Precomputed smoothing for one set of seen targets; see `smooth_targets`.
 
-    seen (n,) indices of targets; shares (n,) of their accuracy; distances (n - 1,) m along the arm
-    between them; slope (n,) of the straight line through the straightened arm. For each prior:
-    modes (priors, n, n - 2) of that line, independent with mode_variances (priors, n - 2) m^2 and
-    with the noise of an accurate target; theta_rows, curvature_rows (priors, n - 2, points) and
-    prior_variance (priors, points) 1/m^2 at points (m): stations and targets, of which
+    seen (n,) indices of targets; shares (n,): their relative accuracy; distances (n - 1,) m along
+    the arm between them; slope (n,) of the straight line through the straightened arm. For each
+    prior: modes (priors, n, n - 2) of that line, independent with mode_variances (priors, n - 2)
+    m^2 and with the noise of an accurate target; theta_rows, curvature_rows (priors, n - 2,
+    points) and prior_variance (priors, points) 1/m^2 at points (m): stations and targets, of which
     target_points and station_points are the indices. arclength (stations,) m.
     """
 
@@ -128,10 +128,10 @@ class SmoothingOperator(NamedTuple):
 class Smoother:
     """Smooths the targets at target_arclength (targets,) m into a curve at stations (m).
 
-    Targets beyond `length` (m) are on the rigid cap and take no part: the curvature jumps to zero
-    there, which the prior does not know. `placement_std` (m) is the accuracy of the painted
-    targets; the sightings have the accuracy of detection. Any further error is estimated from the
-    residuals of a frame.
+    Targets beyond `length` (m) are on the rigid cap and are not used, because the curvature jumps
+    to zero there, which the prior does not model. `placement_std` (m) is the accuracy of the
+    painted targets; the sightings have the accuracy of detection. Any further error is estimated
+    from the residuals of a frame.
     """
 
     target_arclength: Array
@@ -143,7 +143,7 @@ class Smoother:
     operator: Callable[[bytes], SmoothingOperator | None] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the targets and prepare what all sets of seen targets have in common."""
+        """Check the targets and compute the parts common to all sets of seen targets."""
         targets = frozen_array(self.target_arclength)
         if targets.ndim != 1 or targets.size < FEWEST_TARGETS:
             raise CameraError(
@@ -227,7 +227,7 @@ class Covariances:
 
 
 def accuracy_classes(sightings: TargetSightings, least_std: float) -> npt.NDArray[np.int8]:
-    """Return the class (targets,) of accuracy of each target: 0 unseen, 1 as accurate as most.
+    """Return the accuracy class (targets,) of each target: 0 unseen, 1 as accurate as most.
 
     Each further class is `STD_RATIO` times less accurate; least_std: smallest plausible noise (m).
     """
@@ -286,7 +286,7 @@ def operator_for(
 
 
 def transpose_rows(rows: Array) -> Array:
-    """Return transposed matrices, also in memory, because loops run along points."""
+    """Return transposed matrices, contiguous in memory, because loops run along points."""
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
@@ -482,9 +482,9 @@ def noise_variance(
     settings: SmootherSettings,
     weights: Array,
 ) -> float:
-    """Return the noise variance (m^2) that explains a frame best, by marginal likelihood.
+    """Return the noise variance (m^2) of a frame with the largest marginal likelihood.
 
-    Detection estimates how accurately it saw a target, not how accurately it was painted. weights
+    The std of a detection does not include the placement error of the painted target. weights
     (priors,) is filled with the probability of each prior under this noise.
     """
     share = settings.stretch_share * settings.stretch_share

@@ -1,6 +1,6 @@
-"""Areas that do not move; those that stay while the arm moves are background.
+"""Areas that do not move; areas that stay while the arm moves are background.
 
-Background may look like targets in a single frame, but only the arm rests first and then moves.
+In a single frame, background may look like targets, but only the arm first rests and then moves.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Counts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StillAreas:
-    """Areas at constant positions in successive frames, with counts and when last seen.
+    """Areas at constant positions in successive frames, with counts and the time since last seen.
 
     centers (areas, 2) px: averages over the frames in which each was seen; std (areas,) px: of a
     single frame; area (areas,) px^2 and shapes (areas, 3): as in `Blobs`; seen (areas,): number of
@@ -37,7 +37,7 @@ class StillAreas:
     unseen: Counts = field(default_factory=lambda: np.empty(0, np.int64))
 
     def with_frame(self, blobs: Blobs, wanted: int) -> StillAreas:
-        """Return the areas after one more frame, without those that moved too early to count."""
+        """Return the areas after one more frame, without those that moved after too few frames."""
         new, seen, unseen, centers = (
             np.ones(len(blobs), np.bool_),
             self.seen,

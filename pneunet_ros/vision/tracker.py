@@ -76,12 +76,12 @@ class Missing(NamedTuple):
 class Tracking:
     """The result of a tracked frame: seen targets, and the smooth curve through them.
 
-    sightings: one entry per target; curve: None if fewer than four targets were seen. For a frame
-    that does not show the arm, `reason` is a key for counting, `sentence` the message to the user,
-    and there are no targets and no curve; both are empty for other frames. missing: the targets
+    sightings: one entry per target; curve: None if fewer than four targets were seen. If a frame
+    does not show the arm, `reason` is a key for counting, `sentence` the message to the user, and
+    there are no targets and no curve; both texts are empty for other frames. missing: the targets
     not seen in a tracked frame; found (areas, 2) px: candidate areas in a frame that was not
     tracked, for the polarity in the sentence, and row: the number of targets in a row there;
-    warning: what the stamp of this frame says about the frame before, as a message to the user.
+    warning: a message to the user about the previous frame, inferred from the stamp of this frame.
     """
 
     sightings: TargetSightings
@@ -96,7 +96,7 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polarity:
-    """Whether targets are bright or dark, and how this was determined."""
+    """Polarity of the targets (bright or dark), and how it was determined."""
 
     name: str
     evidence: str
@@ -106,13 +106,13 @@ class Polarity:
 class TrackerState:
     """State of a tracker between frames.
 
-    `bits`: those in use of the last image before a row was found, kept while it is followed.
-    `frames` were processed, `explained` of them show the arm; `unexplained` counts the others by
-    reason, `rejected` the images that were not processed. `trouble`: why there is no working plane
-    for this lens; `still`: by polarity, areas that do not move while no frame shows the arm;
-    `polarity`: None until a row of targets has shown it; `leading`: the only polarity that has
-    shown a row so far. `lost`: the last tracked row while there is none; `searched_ns`: stamp of
-    the last frame that was searched everywhere.
+    `bits`: significant bits of the last image before a row was found, kept while the row is
+    tracked. `frames` were processed, `explained` of them show the arm; `unexplained` counts the
+    others by reason, `rejected` the images that were not processed. `trouble`: why there is no
+    working plane for this lens; `still`: areas that do not move while no frame shows the arm, by
+    polarity; `polarity`: None until a row of targets has shown it; `leading`: the only polarity
+    that has shown a row so far. `lost`: the last tracked row while there is none; `searched_ns`:
+    stamp of the last frame that was searched everywhere.
     """
 
     lens: Lens | None = None
@@ -134,7 +134,7 @@ class TrackerState:
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     def fresh(self) -> TrackerState:
-        """Forget camera and arm, but keep the counts."""
+        """Reset camera and arm, but keep the counts."""
         return TrackerState(
             frames=self.frames,
             explained=self.explained,
@@ -218,7 +218,7 @@ class Tracker:
     def _take(
         self, state: TrackerState, reading: Image, taken: Array | None
     ) -> tuple[TrackerState, Tracking]:
-        """Process an image that is not refused."""
+        """Process an admitted image."""
         if self.settings.dot_color is not None:
             image = reading.closeness(self.settings.dot_color)
             return self._look(state, image, BRIGHT, taken=taken)
@@ -230,9 +230,9 @@ class Tracker:
     def _look_both_ways(
         self, state: TrackerState, image: Image, taken: Array | None
     ) -> tuple[TrackerState, Tracking]:
-        """Look for bright and for dark targets, until a complete row decides on one polarity.
+        """Search for bright and for dark targets, until a complete row determines the polarity.
 
-        If both kinds show a row in one image, the polarity stays undecided.
+        If both polarities show a row in one image, the polarity remains undecided.
         """
         looks = self._look_for_either(state, image, taken)
         shown = [name for name, (_, it) in looks.items() if it.reason in ('', RESTING)]
@@ -264,12 +264,12 @@ class Tracker:
     def _look_for_either(
         self, state: TrackerState, image: Image, taken: Array | None
     ) -> dict[str, tuple[TrackerState, Tracking]]:
-        """Look for bright and for dark targets until one of them shows a row.
+        """Search for bright and for dark targets until one polarity shows a row.
 
-        The polarity that alone has shown a row before is tried first, the other one only if that
-        fails. Rows at rest with low cost are searched first; if there is one, also rows of the
-        other polarity that are not due to chance. Areas with low contrast are examined only if the
-        others show nothing.
+        If only one polarity has shown a row before, it is tried first, and the other one only if
+        this fails. Rows at rest with low cost are searched first; if there is one, also rows of
+        the other polarity that are not due to chance. Areas with low contrast are examined only if
+        the others show no row.
         """
         found = None if state.leading else self._bright_and_dark(image)
         areas = dict(zip((BRIGHT, DARK), found or (None, None), strict=True))
@@ -321,7 +321,7 @@ class Tracker:
         limits: tuple[float, ...] | None = None,
         taken: Array | None = None,
     ) -> tuple[TrackerState, Tracking]:
-        """Look for targets of one polarity; areas, shallow, limits and taken: as in `View`."""
+        """Search for targets of one polarity; areas, shallow, limits and taken: as in `View`."""
         assert state.lens is not None
         settings = self.settings
         if polarity == DARK:
@@ -372,7 +372,7 @@ class Tracker:
     ) -> tuple[TrackerState, ObservedRow | Failure]:
         """Search a row near its last position, and everywhere from time to time.
 
-        A node that searched everywhere in each frame could not keep up with its camera.
+        Searching everywhere in each frame would be too slow to keep up with a camera.
         """
         last, stamp_ns = state.row or state.lost, view.image.stamp_ns
         view = view if last is None else replace(view, lost=last.seen)
@@ -399,7 +399,7 @@ class Tracker:
     def _with_wrong_clamp(
         self, state: TrackerState, image: Image, row: ObservedRow
     ) -> tuple[TrackerState, Tracking]:
-        """Stop measuring: the base frame is at the free end of the arm."""
+        """Stop tracking, because the base frame is at the free end of the arm."""
         u, v = row.table[-1, :2].tolist()
         sentence = (
             'the left end of the row moves and the right end does not, so the clamp is at the '
@@ -411,7 +411,7 @@ class Tracker:
     def _at_rest(
         self, state: TrackerState, view: View, polarity: str
     ) -> tuple[TrackerState, Failure]:
-        """Add a frame to the rest position; return why there is no plane yet, if there is none."""
+        """Add a frame to the rest position; return the reason if there is no plane yet."""
         wanted = self.settings.rest_frames
         found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
@@ -478,7 +478,7 @@ class Tracker:
         )
 
     def reset(self, state: TrackerState) -> TrackerState:
-        """Return a state that keeps the camera and forgets the arm."""
+        """Return a state with the camera kept and the arm reset."""
         return self._through(state.fresh(), state.lens)
 
     def _with_lens(self, state: TrackerState, lens: Lens) -> TrackerState:
@@ -490,7 +490,8 @@ class Tracker:
     def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
         """Return the state with a lens, and with the working plane if it is known in advance.
 
-        A state that starts with a plane, from the same arm at rest and the same camera, keeps it.
+        A state that starts with a plane from the same arm at rest and the same camera keeps this
+        plane.
         """
         method, plane, trouble = self.settings.plane, state.plane, ''
         try:

@@ -44,8 +44,8 @@ class Lens:
 
     width, height of the image in px; model 'plumb_bob' or 'rational_polynomial'; matrix (3, 3) is
     K, px; distortion (n,) is D, empty if there is none. `limit` is the radius, in normalized
-    coordinates, within which the distortion neither folds nor exceeds FARTHEST. CameraError for
-    anything else.
+    coordinates, within which the distortion neither folds nor exceeds FARTHEST. Raises CameraError
+    for anything else.
     """
 
     width: int
@@ -83,8 +83,8 @@ class Lens:
     def undistort(self, pixels: npt.ArrayLike) -> Array:
         """Return normalized points (n, 2) for pixels (n, 2); NaN if there is none.
 
-        Iterated until `distort` reproduces the pixel to 1e-9 px. There is none if no point within
-        the limit of the distortion maps to the pixel.
+        Iterated until `distort` reproduces the pixel to 1e-9 px. NaN if no point within the limit
+        of the distortion maps to the pixel.
         """
         points = own_pairs(pixels)
         undistort_points(points, self.coefficients, self.limit)
@@ -193,9 +193,9 @@ def distortion_limit(terms: Array) -> float:
 def check_whole_image(
     lens: Lens, binning: tuple[int, int], region: tuple[int, int, int, int]
 ) -> None:
-    """Refuse a camera_info with binning or a region of interest.
+    """Reject a camera_info with binning or a region of interest.
 
-    binning: x, y; region of interest: x_offset, y_offset, width, height. Zeros mean none. Raises
+    binning: x, y; region of interest: x_offset, y_offset, width, height. Zeros: none. Raises
     CameraError.
     """
     if not set(binning) <= {0, 1}:

@@ -19,7 +19,7 @@ UNIT = 0.01  # a quaternion this near to unit length was rounded and is normaliz
 
 
 def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
-    """Return this many finite numbers; CameraError with the place if there are not."""
+    """Return this many finite numbers; CameraError, which names the place, for anything else."""
     numbers = table_array(values, where, 1, CameraError)
     if numbers.size != count:
         raise CameraError(
@@ -214,13 +214,14 @@ class Shutter:
 
     @property
     def least_interval(self) -> float:
-        """Shortest time between two images, s: that in which one of them is exposed."""
+        """Shortest time between two images, s: the larger of readout and exposure."""
         return max(abs(self.readout), self.exposure)
 
     def seconds_after_stamp(self, v: Array, height: int) -> Array:
         """Return the mid-exposure times of rows v (n,) px, s after the stamp.
 
-        The stamp is that of the first row to be exposed: the last one if readout is negative.
+        The stamp is the time of the first exposed row, which is the last row if readout is
+        negative.
         """
         first = min(self.readout, 0.0)
         after: Array = 0.5 * self.exposure + self.readout * v / max(height - 1, 1) - first
@@ -232,11 +233,11 @@ class CameraSettings:
     """Content of `config/camera.yaml`: the working plane, and the appearance of targets.
 
     plane: mapping of pixels to the base frame; polarity: whether targets are bright on a dark arm,
-    dark on a pale one, or whichever show a row; dot_color: red, green and blue, 0 to 255, of
-    targets distinguished by color, None: by brightness; grey_band, area: criteria for pixels and
-    areas of targets; shutter: exposure times of rows; clamp_pixel: approximate position (u, v) px
-    of the target next to the clamp; None: the clamp is at the left end of the row of targets.
-    Raises CameraError for values outside their bounds.
+    dark on a pale one, or either (auto); dot_color: red, green and blue, 0 to 255, of targets
+    distinguished by color, None: by brightness; grey_band, area: criteria for pixels and areas of
+    targets; shutter: exposure times of rows; clamp_pixel: approximate position (u, v) px of the
+    target next to the clamp; None: the clamp is at the left end of the row of targets. Raises
+    CameraError for values outside their bounds.
     """
 
     plane: PlaneMethod = field(default_factory=RestPlane)

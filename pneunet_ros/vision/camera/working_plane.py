@@ -1,6 +1,6 @@
 """Mapping between undistorted image coordinates and the working plane z = 0.
 
-A plane seen by a camera is a homography; `CameraSettings.plane` has the three ways to find it.
+The mapping is a homography; `CameraSettings.plane` has the three ways to determine it.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     """Return the plane through known points, by least squares for more than four.
 
     Raises CameraError if the points do not lie in one plane in front of the camera, or do not
-    determine it: four of them must be distinct, and no three of these four on a line.
+    determine it: four points must be distinct, no three of them on a line.
     """
     normalized = lens.undistort(plane.pixels)
     unseen = np.flatnonzero(np.isnan(normalized[:, 0]))

@@ -1,8 +1,8 @@
 """Round areas of an image, bright or dark: candidates for dots before their edges are fitted.
 
-In any light, a bright target is brighter than its immediate surroundings, and a dark one darker.
-Therefore the image is thresholded at many grey levels; areas that are elliptical at some of them,
-and large enough, may be dots.
+In any light, a bright target is brighter than its immediate surroundings, and a dark target is
+darker. The image is therefore thresholded at many grey levels; areas that are large enough and
+elliptical at some of the levels may be dots.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ SATURATED = 255  # the highest grey level
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Appearance:
-    """Criteria for blobs from the camera file, and their use."""
+    """Criteria for blobs from the camera file, and their application."""
 
     band: GreyBand
     limits: AreaLimits
@@ -86,7 +86,7 @@ class Appearance:
 
 
 class RoundAreas(NamedTuple):
-    """Areas that are elliptical at some grey levels, those at most levels first.
+    """Areas that are elliptical at some grey levels, sorted by the number of levels, descending.
 
     centers (n, 2) px; moments (n, 3) px^2: uu, uv, vv about them; levels (n,): number of levels.
     """
@@ -133,7 +133,7 @@ class RoundAreas(NamedTuple):
 def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
     """Find elliptical areas brighter than their surroundings.
 
-    An area is measured at the middle one of the grey levels at which it exists.
+    An area is measured at the middle of the grey levels at which it exists.
     """
     return _joined(_cuts(grey, appearance), appearance)
 
@@ -165,7 +165,7 @@ def _cuts(grey: Bytes, appearance: Appearance) -> list[Array]:
 def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     """Return the areas at a level or brighter, (n, 6): area, center u, v, moments uu, uv, vv.
 
-    These are areas that may be or contain dots; areas of holes are negative.
+    The areas may be dots or contain dots; areas of holes are negative.
     """
     limits = appearance.limits
     _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
@@ -185,7 +185,7 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
 
 
 def _joined(cuts: list[Array], appearance: Appearance) -> RoundAreas:
-    """Return the round areas of nested cuts, each of which contains the one before."""
+    """Return the round areas of nested cuts, each of which contains the previous cut."""
     settings = appearance.blobs
     found: list[Array] = []
     chains: list[Integers] = []

@@ -1,7 +1,7 @@
 """Blobs: areas of a camera image that can be targets, before they have an identity.
 
-`areas` finds elliptical areas, and `centroid` fits an ellipse to the edge of each, which gives all
-numbers. Dark targets are bright ones in the inverted image.
+`areas` finds elliptical areas, and `centroid` measures each by fitting an ellipse to its edge.
+Dark targets are detected as bright targets in the inverted image.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _row(column: int, meaning: str) -> Any:
 class Blobs:
     """Areas of an image that can be targets; NaN in all quantities for a missing one.
 
-    `table` (COLUMNS, n) has the quantities below as rows, and those that only `centroid` names.
+    `table` (COLUMNS, n) has the quantities below as rows, and further ones named in `centroid`.
     """
 
     table: Array
@@ -101,7 +101,7 @@ def nearest_blobs(
 ) -> Array:
     """Return the blob nearest to each place (n, 2) px, rows (n, COLUMNS).
 
-    NaN if no possible target has its center within `reach` px; across: its largest diameter (px).
+    NaN if no possible target has its center within `reach` px; across: its largest diameter, px.
     """
     nearest = np.full((len(places), COLUMNS), np.nan)
     grey = image.grey()
@@ -145,7 +145,7 @@ def nearest_blobs(
 
 
 def blobs_at(image: Image, starts: Array, appearance: Appearance) -> Array:
-    """Return the blobs whose edges are near `outlines`, rows (n, COLUMNS), NaN where none is."""
+    """Return the blobs with edges near `outlines`, rows (n, COLUMNS), NaN where there is none."""
     return _measured(image.grey(), starts, appearance)
 
 
@@ -157,7 +157,7 @@ def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
 
 
 def _distinct(rows: Array) -> Array:
-    """Return the distinct blobs: of two at one position, the more accurate one."""
+    """Return the distinct blobs; of two blobs at one position, the more accurate is kept."""
     rows = rows[np.isfinite(rows[:, U])]
     rows = rows[np.argsort(rows[:, STD], kind='stable')]
     return np.asarray(rows[~np.tril(same_blobs(rows, rows), -1).any(axis=1)])

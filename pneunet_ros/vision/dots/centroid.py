@@ -1,11 +1,11 @@
 """Center, size and elongation of a blob: an ellipse fitted to its edge.
 
-A pixel is modeled as the share covered by the blob times its grey level there, plus the background
-for the rest; the edge is blurred. The background may differ around a blob, for example at the edge
-of the arm, so each sector has its own background. A sector whose edge does not belong to the blob
-(a glint next to it, a finger over it, the end of the arm that cuts it off) is not used. If
-neighbors show the appearance of a target, only its position is fitted: a target that is cut off
-then gets the center of the whole dot.
+The grey level of a pixel is modeled as a mixture of blob and background, weighted by the covered
+fraction of the pixel; the edge is blurred. The background may differ around a blob, for example at
+the edge of the arm, so each sector has its own background. A sector whose edge does not belong to
+the blob (a glint next to it, a finger over it, the end of the arm that cuts it off) is not used.
+If the appearance of a target is known from its neighbors, only the position is fitted, so that a
+target that is cut off gets the center of the whole dot.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def axes_of(rows: Array) -> Array:
 def measure_outlines(
     grey: Bytes, starts: Array, look: Look, settings: EllipseSettings = ELLIPSE
 ) -> Array:
-    """Return rows (n, COLUMNS) of the blobs at these outlines; NaN if none can be a target."""
+    """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where no target is possible."""
     rows = np.full((len(starts), COLUMNS), np.nan)
     known = ~np.isnan(starts).any(axis=1)
     # One kind of array, for which the kernel is compiled once.

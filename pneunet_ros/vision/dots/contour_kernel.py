@@ -16,11 +16,10 @@ Integers = npt.NDArray[np.int64]
 def fill_moments(
     corners: npt.NDArray[np.int32], sizes: Integers, table: Array, length: Array
 ) -> None:
-    """Fill in the moments of the pixels within contours, and how many are on each.
+    """Compute the moments of the pixels within contours, and the number of pixels on each.
 
-    corners (all, 2): of all contours, one after the other, `sizes` (n,) of each. table (n, 6):
-    area, center u, v and moments uu, uv, vv, NaN of a hairline; areas of holes are negative;
-    length (n,).
+    corners (all, 2): of all contours in sequence, `sizes` (n,) of each. table (n, 6): area, center
+    u, v and moments uu, uv, vv, NaN for a hairline; areas of holes are negative; length (n,).
     """
     first = 0
     for number in range(sizes.size):

@@ -46,7 +46,7 @@ NORMAL = normal_table()
 def exposure_tables(most: int) -> tuple[Array, Array]:
     """Return times within an exposure, -1/2 to 1/2, and their weights, (most + 1, most) each.
 
-    Row n has n of them, by Gauss-Legendre quadrature.
+    Row n has n times, by Gauss-Legendre quadrature.
     """
     times, parts = np.zeros((2, most + 1, most))
     for count in range(1, most + 1):
@@ -60,10 +60,10 @@ TIMES, PARTS = exposure_tables(MOST_MOMENTS)
 
 @inlined
 def normal_at(x: float) -> tuple[float, float]:
-    """Return the share of a normal distribution above x, and its density there, to 1e-13.
+    """Return the tail probability of a normal distribution above x, and its density, to 1e-13.
 
-    Taylor series from the nearest step; the derivatives are Hermite polynomials. There is no
-    branch, so that a loop over pixels is vectorized.
+    Taylor series from the nearest step; the derivatives are Hermite polynomials. Free of branches,
+    so that a loop over pixels is vectorized.
     """
     x = min(max(x, -float(FARTHEST)), float(FARTHEST))
     step = int((x + FARTHEST) * STEPS + 0.5)
@@ -271,7 +271,7 @@ def add_products(lines: Array, size: int, product: Array) -> None:
 def add_edges(lines: Array, size: int, step: Array, edges: Array) -> None:
     """Add the residuals of the pixels of a block after a step to edges (sectors, 2).
 
-    By sector: the residual times the sensitivity of the pixel to the edge, and that sensitivity
+    Per sector: the residual times the sensitivity of the pixel to the edge, and the sensitivity
     squared.
     """
     count = len(edges)

@@ -129,8 +129,8 @@ ELLIPSE = EllipseSettings()
 def for_colors(settings: EllipseSettings) -> EllipseSettings:
     """Return settings for images compared by color, which is stored at half resolution.
 
-    Measured with JPEG of 4:2:0, quality 85, dots of 12 and 16 px: edges are off by up to 0.25 px,
-    and centers by 0.06 px rms, 12 grey levels of an edge of 200.
+    Measured with JPEG 4:2:0, quality 85, dots of 12 and 16 px: errors of edges up to 0.25 px, of
+    centers 0.06 px rms, 12 grey levels of an edge of 200.
     """
     return replace(settings, on_edge=0.25, near_edge=0.4, uneven=12.0)
 

@@ -1,11 +1,11 @@
-"""Dots with strong motion blur, by their contribution to the image of the arm.
+"""Measurement of dots with strong motion blur, by their contribution to the image of the arm.
 
-A dot is painted on the skin: along its path it adds the difference in brightness between paint and
-skin to the image. The image is thus the contrast times the share of the exposure in which the dot
-covers a pixel, plus the image of the moving arm without a dot. The latter is smooth along the arm
-and arbitrary across it, because the sides of the arm are smeared into the background. It is fitted
-together with the dot, as splines across the arm that change linearly along it, so neither the
-sides of the arm nor the background need to be known.
+Along its path, a dot adds the difference in brightness between paint and skin to the image. The
+image is thus the contrast times the fraction of the exposure in which the dot covers a pixel, plus
+the image of the moving arm without a dot. The latter is smooth along the arm and arbitrary across
+it, because the sides of the arm are smeared into the background. It is fitted together with the
+dot, as splines across the arm that change linearly along it, so that neither the sides of the arm
+nor the background need to be known.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ class MovingDot(NamedTuple):
 class Known(NamedTuple):
     """The prior of a dot: mean and one sigma.
 
-    contrast: grey levels, with infinite std if nothing is known; size, longer: relative to the
-    drawing; for the motion, one sigma of either component relative to its length.
+    contrast: grey levels, with infinite std if unknown; size, longer: relative to the outline; for
+    the motion, one sigma of either component relative to its length.
     """
 
     contrast: float
@@ -170,7 +170,7 @@ def fit_moving_dot(
     """Fit a dot from an initial guess; None if there is none.
 
     outline (FITTED,): position, and appearance from its neighbors; along (2,): direction of the
-    arm, a unit vector; end: distance (px) from the center at which the arm may end in that
+    arm, a unit vector; end: distance (px) from the center at which the arm may end in this
     direction, infinite if it continues.
     """
     outline = outline.copy()
@@ -324,8 +324,9 @@ def _covariance(by_pixel: Array, inside: Mask, together: int) -> Array:
     """Return the covariance (2, 2) of a center from the influence of each pixel (2, pixels).
 
     inside (height, width): mask of these pixels. Residuals are correlated over some pixels,
-    because the background is not noise: products of all pairs within `together` px count, with
-    weights that fall with distance (Bartlett's weights; Newey and West, Conley).
+    because the background is not noise: the covariance sums the products of all pairs within
+    `together` px, with weights that fall with distance (Bartlett's weights; Newey and West,
+    Conley).
     """
     maps = np.zeros((2, *inside.shape))
     maps[:, inside] = by_pixel
@@ -370,7 +371,7 @@ def prior_alone(outline: Array, contrast: float, settings: MovingDotSettings) ->
 
 
 def is_dot(dot: MovingDot, known: Known, settings: MovingDotSettings = MOVING_DOTS) -> bool:
-    """Whether a fit is a dot: similar to its neighbors, and without unexplained light."""
+    """Whether a fit is a dot: similar to its neighbors, with small residuals."""
     similar = 1.0 / settings.differs <= dot.contrast / known.contrast <= settings.differs
     return similar and dot.left <= MOST_LEFT * dot.contrast
 

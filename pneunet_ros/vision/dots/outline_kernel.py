@@ -1,6 +1,6 @@
-"""Fit ellipses to edges: one loop that cuts out pixels, fits, and reports visible edges.
+"""Fit ellipses to edges: a single loop that cuts out pixels, fits, and reports visible edges.
 
-It stores no intermediate arrays.
+No intermediate arrays are stored.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int
 
 @inner
 def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
-    """Collect the pixels possibly near the edge of an ellipse, and return their number."""
+    """Collect the pixels that may be near the edge of an ellipse, and return their number."""
     left, top, right, bottom = box_of(grey, start, settings)
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
@@ -150,7 +150,7 @@ def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
 
 @inner
 def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
-    """Return a grey level exceeded by only some of the pixels within an ellipse."""
+    """Return a high quantile of the grey levels within an ellipse."""
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
     x, y, levels = rim[RIM_X], rim[RIM_Y], rim[RIM_LEVEL]
@@ -174,7 +174,7 @@ def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
 
 @inner
 def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
-    """Return the share of the inside of an ellipse that has the modeled brightness.
+    """Return the fraction of the inside of an ellipse with the modeled brightness.
 
     blocks: those of the pixels near its edge.
     """
@@ -194,7 +194,7 @@ def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
 
 @inner
 def edge_shares(one: Array, edges: Array, stds: Array, reached: Mask, settings: Any) -> None:
-    """Fill in the shares of the edge that are near the ellipse, on it, and clearly outside it."""
+    """Compute the fractions of the edge near the ellipse, on it, and clearly outside it."""
     radius = math.sqrt(one[XX] * one[YY] - one[XY] * one[XY])
     near = settings.near_edge + settings.near_edge_share * radius
     on = max(settings.on_edge, settings.on_edge_share * radius)

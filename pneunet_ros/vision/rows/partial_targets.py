@@ -130,8 +130,8 @@ def _parts_at(
 def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) -> Array:
     """Return outlines (targets, FITTED) that move with the row during the exposure.
 
-    The smear predicted from neighbors is too short if most of them are not seen whole: the longer
-    of that and the motion since the last frame is used.
+    The smear predicted from neighbors is too short if most of them are not seen whole; the longer
+    of this smear and the motion since the last frame is used.
     """
     outlines, both = expected.copy(), np.isfinite(row.table[:, U]) & last.seen
     if both.any():
@@ -158,7 +158,7 @@ def _moving_at(
 
     moving (targets,): mask of targets to search, at each of `starts` and at positions predicted by
     the others, because a smeared blob may be off its start; expected: as from
-    `looks_of_neighbors`. NaN without a reliable one.
+    `looks_of_neighbors`. NaN without a reliable match.
     """
     without = replace(row, table=row.table.copy(), points=row.points.copy())
     without.table[moving] = without.points[moving] = np.nan
@@ -218,9 +218,9 @@ def _places_by_neighbors(
 ) -> tuple[Array, ...]:
     """Return seen positions of targets and those interpolated from neighbors, (targets, 2) px.
 
-    A target that is not seen is placed by the row, which is vague beyond a gap; or, if it was seen
-    in the last row, by its motion plus the deviation of the others from theirs (NaN for all
-    others).
+    The first are interpolated along the row, which is inaccurate beyond a gap. The second, for
+    targets seen in the last row (NaN for all others), are their predicted motion plus the
+    deviation of the other targets from their predictions.
     """
     seen = np.isfinite(row.table[:, U])
     on_row = np.where(seen[:, None], row.table[:, :2], expected_pixels(view, row.points))
@@ -238,10 +238,10 @@ def _places_by_neighbors(
 
 
 def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
-    """Whether doubtful targets lie where their neighbors on both sides predict them (targets,).
+    """Whether doubtful targets lie where the neighbors on both sides predict them (targets,).
 
-    found (targets, columns): of each; doubtful (targets,): those partly visible, or with a bad
-    fit. True for all others, and for those at the end of the seen row.
+    found (targets, columns): of each; doubtful (targets,): partly visible, or with a bad fit. True
+    for all others, and for targets at the end of the seen row.
     """
     others = np.where(doubtful[:, None], np.nan, row.points)
     seen = np.flatnonzero(np.isfinite(others[:, 0]))

@@ -47,7 +47,7 @@ CAUSES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackedRow:
-    """State of the row of targets in a frame, from which the next one is predicted.
+    """State of the row of targets in a frame, from which the next frame is predicted.
 
     pixels (targets, 2): observed or predicted positions; velocity (targets, 2) px/s, and
     velocity_std (targets,): one sigma per axis at this frame, infinite if unknown; area
@@ -92,7 +92,7 @@ class ObservedRow:
 
     table (targets, columns): measurements in the image, with the columns of `centroid`; points
     (targets, 2) m in base; std (targets,) m; seen: number of seen targets; causes (targets,): why
-    each is not seen, empty if it is.
+    a target is not seen, empty if it is.
     """
 
     table: Array
@@ -103,7 +103,7 @@ class ObservedRow:
 
     @property
     def missing(self) -> dict[int, str]:
-        """Targets that are not seen, and why: a key of CAUSES."""
+        """Targets that are not seen, with the cause, a key of CAUSES."""
         return {target: cause for target, cause in enumerate(self.causes) if cause}
 
 

@@ -32,9 +32,9 @@ def gate_row(
     """Return the blobs of a table accepted as targets.
 
     usual (targets,) px^2: sizes relative to each other; parts (targets,): mask of targets measured
-    from a part, with the size of their neighbors; causes: why some are not in the table. Targets
-    seen in the last row must have moved like their neighbors; without a last row, its ends must be
-    near the other targets.
+    from a part, with the size of their neighbors; causes: why some targets are not in the table.
+    Targets seen in the last row must have moved like their neighbors; without a last row, the end
+    targets must be near the others.
     """
     table, gating = table.copy(), view.vision.gating
     there, taken = np.isfinite(table[:, U]), view.is_taken(table)
@@ -81,7 +81,7 @@ def expected_pixels(view: View, points: Array) -> Array:
 
 
 def is_at_clamp(view: View, points: Array) -> bool:
-    """Whether the first seen target, if it is near the clamp, is at a possible position."""
+    """Whether the first seen target, if near the clamp, is at a possible position."""
     arclength = view.arclength
     seen = np.flatnonzero(np.isfinite(points[:NEAR_CLAMP, 0]))
     if not seen.size:

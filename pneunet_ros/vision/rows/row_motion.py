@@ -38,9 +38,9 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
 
 
 def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
-    """Return the row from which the next frame starts.
+    """Return the tracked row for the next frame.
 
-    Targets that are not seen are placed by the others, and move like their neighbors.
+    Positions and velocities of targets that are not seen are interpolated from the others.
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
@@ -86,9 +86,9 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
 def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
     """Return the velocities of all targets, (targets, 2) px or px/s, from the known ones.
 
-    moved (known, 2), in the same unit. Between two known ones it is interpolated linearly; beyond
-    the last ones it is extrapolated from several neighbors, because the end of an arm moves
-    fastest.
+    moved (known, 2), in the same unit. The velocity is interpolated linearly between two known
+    targets, and extrapolated from several neighbors beyond the last ones, because the end of an
+    arm moves fastest.
     """
     velocity, places = np.empty((len(arclength), 2)), arclength[known]
     for axis in range(2):
@@ -129,9 +129,10 @@ def exposure_of(
 def at_stamp(view: View, row: ObservedRow, now: TrackedRow, interval: float) -> ObservedRow:
     """Return a row moved to the stamp of its frame.
 
-    A rolling shutter sees each target at a different time. A target of unknown motion, such as in
-    the first frame that shows it, may move as fast as it could be followed from frame to frame: it
-    is not moved, but less certain. interval (s): from the last image, 0 if unknown.
+    A rolling shutter exposes each target at a different time. A target of unknown motion, for
+    example in the first frame that shows it, is not moved; instead, its uncertainty allows for the
+    highest speed that can be tracked from frame to frame. interval (s): from the last image, 0 if
+    unknown.
     """
     shutter, seen = view.settings.shutter, np.isfinite(row.points[:, 0])
     if shutter.is_at_stamp or not seen.any():

@@ -41,8 +41,8 @@ def search_around(view: View, last: TrackedRow) -> ObservedRow | Failure:
 def search_row(view: View) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among all areas of the frame.
 
-    Areas on a row, according to their moments, are measured first; if these do not include all
-    targets, all areas are measured.
+    Areas that are on a row, according to their moments, are measured first; if they do not include
+    all targets, all areas are measured.
     """
     areas = view.round_areas()
     points = view.plane.points(view.lens.undistort(areas.centers))
@@ -116,8 +116,9 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
 def is_shifted(view: View, row: ObservedRow) -> bool:
     """Whether a row lacks the target at one end and continues beyond the other.
 
-    Then the camera has moved along the arm by a spacing. So it may have if a row found again
-    lacks an end that was seen last, and the place beyond its other end is out of view.
+    In this case, the camera has moved along the arm by a spacing. The same is possible if a
+    recovered row lacks an end that was seen last, and the place beyond its other end is out of
+    view.
     """
     seen = np.flatnonzero(np.isfinite(row.points[:, 0]))
     ends = {0, len(row.points) - 1} - set(seen.tolist())

@@ -38,7 +38,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
 
     view: its plane is not used; rest: earlier rest positions of the arm, which identify the
-    targets in a frame that does not show a row by itself.
+    targets in a frame that does not show a whole row.
     """
     areas = view.round_areas()
     if len(areas.centers) == 0:
@@ -73,8 +73,8 @@ def _free_blobs(view: View, areas: RoundAreas) -> Blobs:
 def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
     """Find the targets of the arm at rest among salient areas, as in `search_at_rest`.
 
-    Only areas on a row, according to their moments, are measured, and all areas near it or near
-    another row that is not due to chance.
+    Only areas that are on a row, according to their moments, are measured, with all areas near
+    this row or near another row that is not due to chance.
     """
     points = view.lens.undistort(areas.centers)
     clear = areas.stand_out(view.appearance)
@@ -99,7 +99,7 @@ def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
 def _search_all(view: View, blobs: Blobs) -> Array | Failure:
     """Find the targets of the arm at rest among all blobs of a frame, as `search_at_rest`.
 
-    Among many areas, only rows of low cost are searched for: others are due to chance.
+    Among many areas, only rows of low cost are searched for, because others are due to chance.
     """
     arclength = view.arclength
     points = view.lens.undistort(blobs.centers)
@@ -180,7 +180,7 @@ def _search_within(
 def _search_cached(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
     """Find the targets of the arm at rest, as `_search`; the same blobs are searched once.
 
-    If there are many areas, the salient ones may be all there are.
+    The cache helps if all areas are salient.
     """
     key = (
         'at rest', limits, view.settings, view.vision, view.clamp_angle, view.arclength.tobytes(),
@@ -192,8 +192,8 @@ def _search_cached(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array
 def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Failure:
     """Find the targets of the arm at rest from this frame alone, as in `search_at_rest`.
 
-    limits: as in `row_at_rest`. The row must be found again from its clamp once it has determined
-    the plane, so that the result does not depend on earlier frames.
+    limits: as in `row_at_rest`. Once the row has determined the plane, it must be found again from
+    its clamp, so that the result does not depend on earlier frames.
     """
     settings, vision, arclength = view.settings, view.vision, view.arclength
     points = view.lens.undistort(blobs.centers)
@@ -245,11 +245,11 @@ def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
 
 
 def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage | None:
-    """Find the rest position of the arm among areas that were still until it moved.
+    """Find the rest position of the arm among areas that stood still until the arm moved.
 
-    wanted: number of frames in which an area must have existed, and been absent since. An area
-    that is still there costs as much as a missing target, because near the clamp an arm hardly
-    moves. None if nothing moved, or if the moved areas are not a row of all targets.
+    wanted: number of frames for which an area must have existed, and must have been absent since.
+    An area that still exists costs as much as a missing target, because an arm hardly moves near
+    the clamp. None if nothing moved, or if the moved areas are not a row of all targets.
     """
     known = still.only(still.seen >= wanted)
     vanished, search = known.unseen >= wanted, view.vision.beam_search
@@ -281,8 +281,8 @@ def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage
 def _has_moved(view: View, row: TargetRow, points: Array, vanished: Mask) -> bool:
     """Whether a row among points (areas, 2) moved like an arm, with all of its targets.
 
-    vanished (areas,): mask of areas that disappeared. For an arm these are all targets except some
-    at the clamp, and no area disappeared where the next target beyond its tip would be.
+    vanished (areas,): mask of areas that disappeared. For an arm, all targets disappeared except
+    some at the clamp, and no area disappeared where the next target beyond the tip would be.
     """
     chosen = row.chosen[row.chosen >= 0]
     if np.any(np.diff(vanished[chosen].astype(np.int64)) < 0):

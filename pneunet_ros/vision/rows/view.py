@@ -38,8 +38,8 @@ class View:
 
     areas: candidate areas, if already found; shallow: search only salient areas, because another
     search can follow; limits: largest cost of the targets of a row at rest for each search among
-    these, empty if they were searched before; taken (n, COLUMNS): blobs that are targets of other
-    rows; lost: targets that were seen when the row that is searched for was lost.
+    the areas, empty if they were searched before; taken (n, COLUMNS): blobs that are targets of
+    other rows; lost: targets that were seen when the row was lost.
     """
 
     image: Image
@@ -62,8 +62,8 @@ class View:
     def dot_centers(self, table: Array) -> Array:
         """Return the centers of dots (n, COLUMNS), normalized (n, 2).
 
-        A lens bends the outline of a dot, so that of its undistorted outline is taken. If a camera
-        looks obliquely, it is the pole of the horizon with respect to the outline.
+        The center is that of the undistorted outline, because a lens distorts outlines. For an
+        oblique camera, the center is the pole of the horizon with respect to the outline.
         """
         slope, bent = self.plane.base_from_normalized[2], self.lens.distortion.any()
         if not (bent or slope[:2].any()):
