@@ -20,9 +20,9 @@ MOST_STEPS = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peg:
-    """A stiff stop at height y (m), which the point `place` (m) along the arm meets from below.
+    """A stiff stop at height y (m), met from below by the point at `place` (m) along the arm.
 
-    The stop is frictionless, and pushes back with stiffness (N/m) times the penetration.
+    The stop is frictionless; its force is stiffness (N/m) times penetration.
     """
 
     place: float
@@ -175,9 +175,9 @@ def middle_joints(length: float, elements: int) -> Array:
 def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     """Return the equilibrium of the chain without peg and pushes, frame by frame.
 
-    A frame starts from the previous one, the first one from the angles `start` (n + 2,) if given,
-    so that a branch of equilibria is followed as long as it exists. Raises RequestError with the
-    first frame that has no equilibrium.
+    Each frame starts from the previous one, and the first frame from the angles `start` (n + 2,)
+    if given, so that a branch of equilibria is followed as long as it exists. Raises RequestError
+    with the first frame that has no equilibrium.
     """
     frames, joints = chain.turning.shape
     force, line = chain.force, chain.line

@@ -1,8 +1,8 @@
 """The lab arm as a chain: its energy, and its minimization by Newton's method.
 
 The chain consists of straight elements joined by bending springs. Its unknowns are the tangent
-angles at the clamp, of every element, and at the free end. It shares nothing with the solver of
-the model.
+angles at the clamp, of every element, and at the free end. The code shares nothing with the solver
+of the model.
 
 `numbers` are, in this order: element length m, clamp angle rad, clamp compliance rad/(N m), its
 hardening 1/rad^2, axial compliance 1/N, its growth -, cubic term m^2, quintic term m^4, offset of
@@ -208,11 +208,11 @@ def equilibria(
     angles: Array,
     has_start: bool,
 ) -> int:
-    """Solve the frames in order, each from the previous one; returns how many were solved.
+    """Solve the frames in order, each from the previous one; return the number of solved frames.
 
     turning and factor (frames, n + 1), rest (frames, n), line (frames, n, 2), loads (frames, 6);
     fills angles (frames, n + 2), whose first row is the start if `has_start`. A frame that cannot
-    be reached from the previous one is reached from the unloaded arm, by adding the load in steps.
+    be reached from the previous one is solved from the unloaded arm, by adding the load in steps.
     """
     frames: int = angles.shape[0]
     size = angles.shape[1]

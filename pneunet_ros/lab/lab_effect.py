@@ -1,7 +1,7 @@
 """Interface of effects in the virtual lab, independent of the model's effects.
 
 Names and main parameters are those of the model, so that results can be compared with the truth.
-`richness` says how far an effect departs from the plain law of that name: 0 is the plain law.
+`richness` is the departure of an effect from the plain law of the same name: 0 is the plain law.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabEffect(abc.ABC):
-    """Base class of lab effects; an effect overrides the methods where it acts."""
+    """Base class of lab effects; an effect overrides the methods of the places where it acts."""
 
     name: ClassVar[str]
 
@@ -62,7 +62,7 @@ class LabEffect(abc.ABC):
         return course, past
 
     def resume(self, past: Past, rest: Array) -> Array:
-        """Return the history of the effect, which has the shape of `rest`; () means at rest.
+        """Return the history of the effect, with the shape of `rest`; () means at rest.
 
         Raises RequestError if it is the history of another arm.
         """

@@ -1,7 +1,7 @@
 """Independent implementations of the effects for the virtual lab, and their table.
 
 The table is in the order of application: sensing, then history, then material and mechanics.
-Readings are computed in this order too: offset before gain, because true pressure = gain x reading
+Readings are computed in the same order: offset before gain, because true pressure = gain x reading
 + offset.
 """
 

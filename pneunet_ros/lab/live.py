@@ -1,7 +1,7 @@
 """The virtual lab in steps: commands in, readings out.
 
-It uses the arm, effects and sensors of `simulate`, and reproduces the same recordings under the
-same pressures and loads. It has no clock: every step is given the time.
+The live lab uses the arm, effects and sensors of `simulate`, and reproduces the same recordings
+under the same pressures and loads. It has no clock; the time is an argument of every step.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ class LiveState:
     """State of a live arm: time (s), true pressure (Pa) at the sensor, load.
 
     course: the course since the previous state; past: memory of every effect; angles (rad) of the
-    chain at its last computed shape, from which the next one starts. swing: that of an arm with
-    mass, which is `lag` (s) behind.
+    chain at its last computed shape, from which the next shape starts. swing: of an arm with mass,
+    which is `lag` (s) behind.
     """
 
     time: float
@@ -137,9 +137,9 @@ class LiveState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiveReading:
-    """Readings of the pressure sensor (Pa) and force sensor (N, N m); no load reads as 0.
+    """Readings of the pressure sensor (Pa) and force sensor (N, N m); 0 without a load.
 
-    imu (4,): as in `LabRecording`; None: there is none.
+    imu (4,): as in `LabRecording`; None if there is no IMU.
     """
 
     pressure: float
@@ -236,7 +236,7 @@ class LiveLab:
         return next_state if self.run is None else self.with_swing(self.run, state, next_state)
 
     def with_swing(self, run: Run, state: LiveState, next_state: LiveState) -> LiveState:
-        """Return a later state of the swinging arm; skips time beyond the decay of a swing."""
+        """Return a later state of the swinging arm; skip the time after the decay of a swing."""
         step, elapsed = run.motion.timestep, next_state.time - state.time
         count = int((elapsed + state.lag) / step)
         behind = elapsed + state.lag - count * step
@@ -258,7 +258,7 @@ class LiveLab:
     def shape(self, state: LiveState) -> tuple[LiveState, ChainShape | MovingShape]:
         """Return the current shape (quasi-static without mass); RequestError if none is found.
 
-        The returned state keeps the shape, from which the next one starts.
+        The returned state keeps the shape, from which the next shape starts.
         """
         if self.run is not None:
             return state, self.run.shape(state.swing or self.run.resting)

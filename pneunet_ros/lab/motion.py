@@ -24,7 +24,7 @@ class LabMotion:
     zero: out of the plane. The base rotates about the clamp by `turn_angle` (rad), and moves by
     `shift_x` and `shift_y` (m, along fixed axes), at `turn_share` of the recording, with minimum
     jerk in between. The peg is fixed to the base and has friction `peg_friction`; radius 0: no
-    peg. Without inertia the arm is always in equilibrium, like the chain.
+    peg. Without inertia, the arm is always in equilibrium, like the chain.
     """
 
     damping_time: float = quantity(

@@ -225,7 +225,7 @@ def refuse_unsupported_effects(chain: Chain) -> None:
 
 
 def refuse_less_damping_than_a_step(motion: LabMotion) -> None:
-    """Raise RequestError for a damping time below that of the integrator, which is one step."""
+    """Raise RequestError for a damping time below one step, the damping of the integrator."""
     if motion.damping_time < motion.timestep:
         raise RequestError(
             f'MuJoCo cannot simulate a damping time of {motion.damping_time:g} s: its integrator '

@@ -1,6 +1,6 @@
 """Effects of the virtual lab that the model cannot have, and their table.
 
-A diagnosis must not confuse them with a known effect. None has the setting `richness`.
+A diagnosis must not confuse them with a known effect. These effects have no setting `richness`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TIP_RESTS = 1e-7  # of the length: largest motion of a tip that has converged
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabHarmlessMismatch(LabEffect):
-    """A small error of the intrinsic curvature, as every real arm has.
+    """A small error of the intrinsic curvature, present in every real arm.
 
     It is `size` times cos(2 pi s / l + phase) sin(2 pi p / top) / 2 for every arm, plus `size` / 2
     times sin(pi s / l) and the end load in units of mg, limited to 1.

@@ -1,4 +1,4 @@
-"""Protocols of the lab, which last exactly as long as their duration.
+"""Protocols of the lab, with exact durations.
 
 Steps are ramps of finite duration. If the force is exactly zero, nothing is attached to the arm.
 """
@@ -71,7 +71,7 @@ class Stepped(FromRest):
     ramp: float = seconds(0.6, 'ramp from one hold to the next')
 
     def holds(self, count: int, ramps: int) -> float:
-        """Return the duration (s) of each of this many holds, besides ramps and rest."""
+        """Return the duration (s) of each of this many holds, after deducting ramps and rest."""
         remaining = self.duration - self.rest - ramps * self.ramp
         return share_of_time(remaining, count, SHORTEST, 'holds')
 
@@ -143,7 +143,7 @@ class DeadWeights(Stepped):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSweeps(Stepped):
-    """At each pressure and for each direction, the pull slowly grows and falls again."""
+    """At each pressure and for each direction, the pull slowly rises and falls again."""
 
     kind: ClassVar[str] = 'force_sweeps'
     pressures: Row = (20e3, 45e3)  # at which the force is swept, Pa

@@ -47,7 +47,7 @@ class Scenario:
     """Complete definition of a recording of the virtual lab, which is reproducible.
 
     `seed` determines the noise of this recording; the arm has its own seed for its parameters and
-    painted targets. `richness` is that of effects that are added later. `start` (s): beginning of
+    painted targets. `richness` applies to effects that are added later. `start` (s): beginning of
     the recording in lab time. With `motion` the arm has mass and is simulated by MuJoCo; without
     it the arm is always in equilibrium.
     """
@@ -80,7 +80,7 @@ class Scenario:
 
     @property
     def effective_motion(self) -> LabMotion | None:
-        """The motion with the numbers of the effect `inertia` that are not 0."""
+        """The motion, overridden by the nonzero numbers of the effect `inertia`."""
         for effect in self.effects:
             if isinstance(effect, LabInertia) and (effect.tip_mass or effect.damping_time):
                 known = self.motion or LabMotion(damping_time=0.0)
@@ -104,7 +104,7 @@ class Scenario:
 def lab_effect(name: str, parameters: Mapping[str, float], richness: float = 0.0) -> LabEffect:
     """Return an effect by its name; RequestError lists the known names and parameters.
 
-    richness: the one of a rich effect whose parameters give none.
+    richness: of a rich effect whose parameters do not state one.
     """
     if name not in ALL_EFFECTS:
         raise RequestError(

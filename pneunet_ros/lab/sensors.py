@@ -127,7 +127,7 @@ def draw_stamps(
 def draw_placement(random: np.random.Generator, places: Array, noise: LabNoise) -> Array:
     """Return placement errors (targets, 2) m of targets at places (targets,) m.
 
-    The errors are along and across the arm: independent ones for each target, plus those of the
+    Errors along and across the arm: an independent error of each target, plus the error of the
     whole row.
     """
     row = np.column_stack([noise.row_spacing * places, np.full(places.size, noise.row_offset)])

@@ -40,7 +40,7 @@ FRAME_OFFSET = 0.25  # frames by which the camera starts after the other sensors
 def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:
     """Return the recording of a scenario; bit-reproducible.
 
-    memory of the arm from an earlier recording (`LabRecording.memory`); without it, the arm is
+    memory: of the arm from an earlier recording (`LabRecording.memory`); without it, the arm is
     unconditioned (no prior loading) and at rest. Raises RequestError if protocol and arm do not
     match, or if the arm finds no equilibrium.
     """
@@ -216,7 +216,7 @@ def chain_of(
 ) -> Chain:
     """Return the arm as a chain at times (n,) s, under forces (n, 2) N, including its effects.
 
-    of_base (n,) s: the times of the motion of the base, if they are others.
+    of_base (n,) s: the times of the motion of the base, if different.
     """
     arm, motion = scenario.arm, scenario.effective_motion
     chamber = freeze(np.interp(times, course.time, course.chamber))

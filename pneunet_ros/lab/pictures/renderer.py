@@ -1,7 +1,7 @@
 """Render images of an arm with white targets, with the ground truth of every target.
 
-A pixel integrates the light on its whole square; (0, 0) is the center of the first pixel. Blur by
-the optics, uneven light, glare, clipping, sensor noise and rounding follow.
+A pixel integrates the light over its square; (0, 0) is the center of the first pixel. Optical
+blur, uneven light, glare, clipping, sensor noise and rounding follow.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Cover:
 def draw_dots(
     picture: Grey, camera: Camera, dots: Dots, blur: float = 0.0, hiding: Cover | None = None
 ) -> Truth:
-    """Draw blurred targets (sigma, px) into an image; return the ground truth of them."""
+    """Draw blurred targets (sigma, px) into an image; return their ground truth."""
     discs = see_discs(camera, dots.x, dots.y, dots.radius)
     visible = np.zeros(dots.x.size)
     exists = (discs.area > 0.0) & np.isfinite(discs.u + discs.v + discs.reach)
