@@ -1,1 +1,1 @@
-"""Estimation of the shape with its uncertainty from readings, and its check by targets."""
+"""Estimation of the shape with its uncertainty from readings, and its check with targets."""

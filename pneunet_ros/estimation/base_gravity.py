@@ -1,7 +1,7 @@
 """Direction of gravity at the base, from an accelerometer on it or a tf frame.
 
-An accelerometer reads the specific force, the opposite of the apparent gravity on the arm in the
-frame of its base. A tf frame gives the direction of gravity, but no accelerations.
+An accelerometer measures the specific force, the opposite of the apparent gravity in the base
+frame of the arm. A tf frame gives the direction of gravity but no accelerations.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class GravityReading:
 class BaseGravity:
     """State of gravity at the base: frames, and the last usable reading.
 
-    earlier: the usable reading before; published: whether base_imu was ever received.
+    earlier: the previous usable reading; published: whether base_imu was ever received.
     """
 
     frames: FrameTree = field(default_factory=FrameTree)
@@ -56,7 +56,7 @@ class BaseGravity:
     published: bool = False
 
     def fresh(self) -> BaseGravity:
-        """Forget all readings, but neither static frames nor that there is an accelerometer."""
+        """Discard all readings, but keep static frames and whether there is an accelerometer."""
         return BaseGravity(frames=self.frames.only_fixed(), published=self.published)
 
 
@@ -64,8 +64,9 @@ class BaseGravity:
 class GravitySource:
     """Source of the direction of gravity; settings: meaning of readings; gravity of the arm.
 
-    frame: a tf frame whose z axis points up; empty: use `base_imu`, which is required once it was
-    received or if the model does not state the direction, and ignored if the direction is fixed.
+    frame: a tf frame whose z axis points up; empty: use `base_imu`, which is required once it has
+    been received or if the model does not state the direction, and ignored if the direction is
+    fixed.
     """
 
     settings: EstimatorSettings
@@ -84,7 +85,7 @@ class GravitySource:
         return not self.frame and self.gravity.source != FIXED
 
     def take(self, known: BaseGravity, reading: BaseReading) -> tuple[BaseGravity, Refusal | None]:
-        """Process a reading of the accelerometer or of frames; it never prevents an estimate."""
+        """Process a reading of the accelerometer or of frames; an invalid one is refused."""
         if not isinstance(reading, ImuReading):
             return self.take_frames(known, reading)
         if not self.uses_imu:
@@ -140,7 +141,7 @@ class GravitySource:
     def gravity_of(
         self, frames: FrameTree, reading: ImuReading
     ) -> tuple[GravityReading | None, Refusal | None]:
-        """Return gravity and turn rate of the base, or why they are unknown."""
+        """Return gravity and turn rate of the base, or the reason for which they are unknown."""
         turn = self.turn_of_imu(frames, reading.frame_id)
         if turn is None:
             base = self.settings.frame_id
@@ -170,7 +171,7 @@ class GravitySource:
         return None if found is None else found[0]
 
     def at(self, known: BaseGravity, stamp_ns: int) -> tuple[Direction | None, Refusal | None]:
-        """Return gravity at a stamp, in g (None: use the model file), or why it is unknown."""
+        """Return gravity at a stamp, in g (None: use the model file), or the reason if unknown."""
         if self.frame:
             return self.by_frame(known, stamp_ns)
         if not self.uses_imu:
@@ -197,7 +198,7 @@ class GravitySource:
         return last.turn_rate if age <= self.settings.gravity_timeout else math.nan
 
     def motion_at(self, known: BaseGravity, stamp_ns: int, since_ns: int | None) -> BaseMotion:
-        """Return the motion of the base at a stamp; since_ns: of the estimate before, if any."""
+        """Return the motion of the base at a stamp; since_ns: of the previous estimate, if any."""
         last, earlier = known.reading, known.earlier
         if not self.uses_imu or last is None:
             return BaseMotion()
@@ -217,7 +218,8 @@ class GravitySource:
     def change_since(self, known: BaseGravity, stamp_ns: int) -> Direction | None:
         """Return the likely change of gravity since the last base_imu, in g; None: there is none.
 
-        It may have changed on as from the reading before to the last one, for this time at most.
+        Gravity may have continued to change at the rate between the last two readings, for at most
+        this time.
         """
         last, earlier = known.reading, known.earlier
         if not self.uses_imu or last is None or earlier is None:
@@ -256,7 +258,7 @@ class GravitySource:
         return found is None or found[1] is not None
 
     def stale(self, what: str, age: float) -> str:
-        """Report that a reading is too old."""
+        """Return the error for a reading that is too old."""
         return (
             f'{what} is {age:.3g} s away from the reading, more than gravity_timeout = '
             f'{self.settings.gravity_timeout:.3g} s'

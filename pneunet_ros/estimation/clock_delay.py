@@ -1,11 +1,11 @@
 """Delay between the clocks of a film and a table of readings, estimated from the motion.
 
-A frame stamped t shows the arm of t - delay. At the right delay, target positions are a smooth
-function of pressure and load; at a wrong one, the same pressure appears with many shapes. Other
+A frame stamped t shows the arm at t - delay. At the right delay, target positions are a smooth
+function of pressure and load; at a wrong delay, the same pressure appears with many shapes. Other
 behavior of a soft arm (dead bands, slow relaxations) is fitted as well, so that it is not mistaken
-for a delay. A shorter lag than the shortest relaxation, as of an air line, is mistaken for one:
-the delay contains 60 to 90 % of a lag of 20 to 100 ms, and 20 to 40 % of one of 500 ms. The
-standard error does not include this.
+for a delay. A lag shorter than the shortest relaxation, for example of an air line, is mistaken
+for a delay: 60 to 90 % of a lag of 20 to 100 ms, and 20 to 40 % of a lag of 500 ms. The standard
+error does not include this bias.
 """
 
 from __future__ import annotations
@@ -91,12 +91,12 @@ CLOCK_DELAY = ClockDelaySettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockDelay:
-    """The delay between two clocks, which start at the first frame and first reading.
+    """The delay between two clocks that start at the first frame and first reading.
 
     delay, std (s): a frame shows the arm at its stamp minus delay; std is the standard error;
     explained: share of the motion explained by pressure and load; frames: number used;
     frame_period (s). repeated: frames in which the arm stands still although its inputs change,
-    because a film repeats the previous frame for a lost one. trouble: why the data do not
+    because a film replaces a lost frame by the previous one. trouble: why the data do not
     determine the delay, None if they do.
     """
 
@@ -245,8 +245,7 @@ def _why_unreliable(
 def motion_components(motion: Array) -> tuple[Array, Indices]:
     """Return the largest principal components of the motion (kept, components), and their frames.
 
-    They are computed from the targets that are nearly always seen, in the frames that show all of
-    these.
+    Computed from the targets that are nearly always seen, in the frames that show all of them.
     """
     seen = np.isfinite(motion)
     with_targets = seen.any(axis=1)
@@ -264,8 +263,8 @@ def motion_components(motion: Array) -> tuple[Array, Indices]:
 class FitDetails:
     """Standard error (s) of one fit, the share of motion it explains, and its frames.
 
-    distinct: share of the effect of a delay on the motion that no other column can imitate. rate:
-    mean rate of the motion (1/s), relative to its range.
+    distinct: share of the effect of a delay on the motion that no other column can represent.
+    rate: mean rate of the motion (1/s), relative to its range.
     """
 
     std: float
@@ -325,8 +324,8 @@ class DelayFit:
     def unexplained(self, delay: float, every: int = 1) -> Array:
         """Return the unexplained share of each component's variance; inf with too few frames.
 
-        The variance is that in the frames covered by the table: while the arm rests, there is no
-        motion to explain.
+        The variance is taken over the frames covered by the table, because there is no motion to
+        explain while the arm rests.
         """
         frames = self.inside(delay)
         fewest = max(FEWEST_FRAMES, 0.9 * self.shorter / self.period)
@@ -376,9 +375,9 @@ class DelayFit:
     def repeated(self, delay: float) -> Indices:
         """Return the frames in which the arm stands still although its inputs change.
 
-        Within the usual residual, the arm is where it was one frame before, but not where pressure
-        and load predict it: the image was repeated, or it was taken at the start of a motion,
-        within the error of the delay.
+        Within the usual residual, the arm is in the position of the previous frame, but not in the
+        position predicted by pressure and load: the image was repeated, or it was taken at the
+        start of a motion, within the error of the delay.
         """
         frames = self.inside(delay)
         design, _ = self.design(self.time[frames] - delay)
@@ -394,7 +393,7 @@ class DelayFit:
         return np.asarray(frames[1:][is_repeated])
 
     def details(self, delay: float) -> FitDetails:
-        """Return the uncertainty of a delay: by linearization, and without each block of frames.
+        """Return the uncertainty of a delay, by linearization and by a block jackknife.
 
         A few blocks may contain all information on the delay: Student's t has the effective number
         of equally informative blocks, minus one, as its degrees of freedom.
@@ -449,9 +448,9 @@ def box_average(time: Array, values: Array, centers: Array, width: float) -> Arr
 def regressors(inputs: Array, step: float, plays: Plays) -> Array:
     """Return the regressors of the motion, (instants, columns).
 
-    They are powers of the pressure; the lag of a play of each width, times powers of the pressure;
-    the lead of the pressure over each relaxation; powers of every load, and its products with the
-    pressure.
+    Columns: powers of the pressure; the lag of a play operator of each width, times powers of the
+    pressure; the lead of the pressure over each relaxation; powers of every load, and its products
+    with the pressure.
     """
     pressure = unit_range(inputs[:, 0])
     widths, powers = plays

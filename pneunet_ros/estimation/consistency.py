@@ -1,10 +1,10 @@
-"""Running comparison of measured targets with the estimate; a disagreement suggests a diagnosis.
+"""Running comparison of measured targets with the estimate.
 
-Like the estimator, it maps a state to the next one, without clock, topic or file. `take_estimate`
-processes every pressure reading with its outcome, `take_targets` every frame of targets, and
-`ConsistencyState.disagreement` gives the current result. A frame is compared with the prediction
-from the neighboring estimates (`frame_prediction`), one of which must be at most `reach` away.
-`agreement_of` gives the verdict on a whole recording, for single frames and, with
+As in the estimator, a step maps a state to the next one, without clock, topic or file.
+`take_estimate` processes every pressure reading with its outcome, `take_targets` every frame of
+targets, and `ConsistencyState.disagreement` gives the current result. A frame is compared with the
+prediction from the neighboring estimates (`frame_prediction`), one of which must be at most
+`reach` away. `agreement_of` gives the verdict on a whole recording, for single frames and, with
 `persistent_errors`, for all frames together.
 """
 
@@ -77,7 +77,7 @@ class Disagreement:
     """The recent disagreement between measured targets and estimate.
 
     rms of the whitened difference, 1 for pure noise; limit: noise limit of rms; target, arclength
-    (m) of the largest difference relative to its noise; beyond: rms exceeds the limit, and not
+    (m) of the largest difference relative to its noise; beyond: whether rms exceeds the limit, not
     only because of a few frames; force_read: whether the end load was measured; stamp_ns: of the
     last frame.
     """
@@ -109,9 +109,9 @@ class Disagreement:
 class FrameInnovation:
     """Deviation of the targets of one frame from their estimate.
 
-    rms of the whitened difference, 1 for pure noise; limit: rarely exceeded by noise; at_tip: chi
-    square of the tip alone, two coordinates, NaN if it is not seen; force_read: whether the end
-    load was measured; evidence: for persistent errors, None outside the domain of the model.
+    rms of the whitened difference, 1 for pure noise; limit: noise limit of rms; at_tip: chi
+    squared of the tip alone, two coordinates, NaN if the tip is not seen; force_read: whether the
+    end load was measured; evidence: for persistent errors, None outside the domain of the model.
     """
 
     stamp_ns: int
@@ -127,11 +127,11 @@ class Agreement:
     """Whether a model fits a recording: measured versus predicted targets, in units of the noise.
 
     median of the whitened rms of a frame, 1 for pure noise; limit: noise limit of the rms of a
-    frame; beyond: share of frames beyond that limit; most: largest such share of a model that
-    holds. tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN if no tip
-    was seen; tips_chance: p-value of that share; sure: significance level. fewest: frames needed
-    for a verdict. force_read: whether the end load was measured in all frames. persistent: the
-    joint test of all frames, None if they are too few.
+    frame; beyond: share of frames beyond this limit; most: largest such share of an adequate
+    model. tips_outside: share of frames with the tip outside its 95 % ellipse, NaN if no tip was
+    seen; tips_chance: p-value of this share; sure: significance level. fewest: frames needed for a
+    verdict. force_read: whether the end load was measured in all frames. persistent: the joint
+    test of all frames, None if there are too few.
     """
 
     frames: int
@@ -228,7 +228,7 @@ class ConsistencyState:
     unmatched: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     def fresh(self) -> ConsistencyState:
-        """Return the state without readings and frames; the counters continue."""
+        """Return the state without readings and frames; counters are kept."""
         return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
 
     def without_frames_after(self, stamp_ns: int) -> ConsistencyState:
@@ -243,7 +243,7 @@ class ConsistencyState:
     def disagreement(self) -> Disagreement | None:
         """Return the recent disagreement of measured and estimated targets; None for few frames.
 
-        Errors of registration, placement and model are the same in many frames and do not average
+        Errors of registration, placement and model are common to many frames and do not average
         out, so the limit of the mean is that of a single frame.
         """
         running = self.running
@@ -304,7 +304,7 @@ def take_estimate(
 def take_targets(
     state: ConsistencyState, estimator: Estimator, sightings: TargetSightings
 ) -> tuple[ConsistencyState, Refusal | None]:
-    """Process a frame; return why it is out of sequence, or None."""
+    """Process a frame; return an error if it is out of sequence, else None."""
     state = replace(state, compared=())
     reason, sentence = state.frame_stamps.fault('frame of targets', sightings.stamp_ns)
     if reason == RESTARTED:
@@ -363,7 +363,7 @@ def compare_waiting(state: ConsistencyState, estimator: Estimator) -> Consistenc
 
 
 def is_at(estimate: ShapeEstimate, shown_ns: int) -> bool:
-    """Whether a frame has the stamp of an estimate, so that no later reading is needed."""
+    """Whether a frame coincides with an estimate, so that no later reading is needed."""
     return estimate.stamp_ns == shown_ns and not estimate.wrench_age
 
 

@@ -21,16 +21,16 @@ class ShapeEstimate:
     stamp_ns of the pressure reading; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
     std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None if no
-    wrench is needed; warnings: sentences about limits of the estimate. position: that of its load
+    wrench is needed; warnings: sentences about limits of the estimate. position: of the load
     relative to the domain of the model. gravity: as measured, along x and y, in g; None: as in the
     model.
 
     noise (sources, causes): noise input matrix, without the age of the wrench and the additional
     model error outside the domain; curved: second-order effects, including the linearization.
-    Covariance and standard deviations follow from both, which are kept to avoid linearizing again.
-    motion: of the arm, None if the model has no `motion`; with motion, shape and standard
-    deviations are those of the moving arm, but jacobian, noise and curved are those of its
-    equilibrium.
+    Covariance and standard deviations follow from both; they are stored to avoid another
+    linearization. motion: of the arm, None if the model has no `motion`; with motion, shape and
+    standard deviations are those of the moving arm, but jacobian, noise and curved are those of
+    its equilibrium.
     """
 
     stamp_ns: int
@@ -51,9 +51,9 @@ class ShapeEstimate:
 
     @property
     def second_order(self) -> SecondOrder | None:
-        """Second-order effect of noise, with which measured targets are compared.
+        """Second-order effect of noise, for the comparison with measured targets.
 
-        It is computed on demand, so an estimate does not wait for it.
+        Computed on demand, so that an estimate does not wait for it.
         """
         if self.curved is None or self.noise is None or self.position is None:
             return self.curved

@@ -44,10 +44,10 @@ from pneunet_ros.solver.rod import Rods
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmInputs:
-    """What acts on an arm at a pressure reading.
+    """Inputs of an arm at a pressure reading.
 
-    sensed: by the readings; load: the true one, without the errors of sensing effects; chamber
-    pressure (Pa), and the history of the actuation.
+    sensed: load according to the readings; load: the true load, corrected for sensing effects;
+    chamber pressure (Pa), and the history of the actuation.
     """
 
     sensed: Load
@@ -213,7 +213,7 @@ class Estimator:
         wrench: WrenchReading,
         gravity: Direction | None,
     ) -> ArmInputs:
-        """Return what acts on the arm at a pressure reading, by the readings."""
+        """Return the inputs of the arm at a pressure reading."""
         sensed = Load(
             pressure=self.settings.pressure.gauge(reading.pressure),
             force_x=wrench.force_x,
@@ -231,8 +231,8 @@ class Estimator:
         """Return the motion after the end wrenches read since the last estimate.
 
         inputs, turn_rate (rad/s) of the base: at the stamp. Also returns the covariance of
-        `MovingArm.pass_loads`; None if there are no such wrenches. A gap of more than
-        input_timeout, or with a load without equilibrium, is passed in one step.
+        `MovingArm.pass_loads`; None if there are no such wrenches. A gap longer than
+        input_timeout, or with a load without equilibrium, is bridged in one step.
         """
         moving, solution = state.moving, state.solution
         if self.moving is None or moving is None or not state.passed:
@@ -269,7 +269,7 @@ class Estimator:
     def with_gravity_error(
         self, errors: PropagatedErrors, shape: Shape, inputs: ArmInputs, change: Direction | None
     ) -> PropagatedErrors:
-        """Return the errors of a shape with that of its gravity, one sigma in g; None: known."""
+        """Add the error of gravity (one sigma in g; None: known) to the errors of a shape."""
         if change is None:
             return errors
         gravity = inputs.load.gravity
@@ -294,7 +294,7 @@ class Estimator:
         position: DomainPosition,
         off_plane: OutOfPlane,
     ) -> Refusal | None:
-        """Return why there can be no estimate under a load; None if there can be one."""
+        """Return the reason for which a load rules out an estimate; None if it does not."""
         if off_plane.stops:
             return refuse(reading.stamp_ns, 'out_of_plane', off_plane.sentence)
         if not position.reason:
@@ -321,7 +321,7 @@ class Estimator:
     def wrench_at(
         self, state: EstimatorState, stamp_ns: int
     ) -> tuple[WrenchReading, float | None, Refusal | None]:
-        """Return the end wrench to use at a stamp and its age (s), or why there is none."""
+        """Return the end wrench to use at a stamp and its age (s), or the reason for none."""
         if state.wrench is None or not self.settings.wrench_required:
             unloaded = WrenchReading(
                 stamp_ns=stamp_ns,

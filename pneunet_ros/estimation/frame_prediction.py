@@ -1,8 +1,8 @@
-"""Predicted targets of a frame, from the estimates before and after it.
+"""Predicted targets of a frame, from the estimates before and after the frame.
 
 A frame is rarely taken exactly at a reading. The arm is assumed to move linearly between
 estimates, under the loads read before and after the frame, including their interpolation errors.
-Unlike an estimate, which uses the last wrench that had arrived, this also uses later wrenches.
+Unlike an estimate, which uses the last received wrench, the prediction also uses later wrenches.
 """
 
 from __future__ import annotations
@@ -43,9 +43,8 @@ def predict_frame(
 ) -> PredictedTargets | None:
     """Return the predicted targets of a frame showing the arm at a stamp (ns).
 
-    estimates: one or more, at increasing stamps (ns). None if they are too far apart: the arm may
-    have moved so far between them that the error of linear interpolation exceeds the noise of a
-    target.
+    estimates: one or more, at increasing stamps (ns). None if the estimates are so far apart that
+    the error of linear interpolation may exceed the noise of a target.
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     after = int(np.searchsorted(stamps, shown_ns))

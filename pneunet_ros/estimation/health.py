@@ -18,8 +18,8 @@ NO_CONSISTENCY = ConsistencyState()
 class EstimatorHealth(InputHealth):
     """Collects counts and latencies of readings.
 
-    The level of a report is the worst since the last one: ERROR while there are no estimates, WARN
-    if readings were dropped or estimates are limited.
+    The level of a report is the worst since the last report: ERROR without estimates, WARN if
+    readings were dropped or estimates are limited.
     """
 
     def __init__(self, pressure_topic: str, now: float) -> None:
@@ -59,7 +59,7 @@ class EstimatorHealth(InputHealth):
     def disagreement(
         self, settings: EstimatorSettings, consistency: ConsistencyState, now: float
     ) -> Disagreement | None:
-        """Return the disagreement of targets with estimates; None if there were none recently."""
+        """Return the disagreement of targets with estimates; None without recent frames."""
         if self._targets_at is None or now - self._targets_at > settings.watch_time:
             return None
         return consistency.disagreement()
@@ -74,7 +74,7 @@ class EstimatorHealth(InputHealth):
     ) -> Report:
         """Summarize the time since the last report, and start the next period.
 
-        left_out: description of the model error that its standard deviations omit.
+        left_out: description of the model error that the standard deviations do not include.
         """
         found = self.disagreement(settings, consistency, now)
         level, message = self._verdict(settings.input_timeout, now, found)

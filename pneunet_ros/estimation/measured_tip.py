@@ -1,9 +1,9 @@
 """Uncertainty of the force found from a measured tip.
 
-The force is the one that brings the model's tip to the measured position. Errors of tip, pressure
-and model change it by d F = (d tip / d F)^-1 (d tip_measured - d tip_model), and the shape moves
-by both together, but hardly near the measured tip. First order is sufficient: the second-order
-motion of the tip along the arm does not occur here.
+The estimated force brings the model's tip to the measured position. Errors of tip, pressure and
+model change the force by d F = (d tip / d F)^-1 (d tip_measured - d tip_model), and the shape
+moves by the sum of both, but hardly near the measured tip. First order is sufficient, because the
+second-order motion of the tip along the arm does not occur here.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Persistent errors over a recording: one joint test of a model on all frames.
 
-The noise of each frame hides an error that is common to all frames. Here the stated errors of a
-model are unknowns shared by all frames: the columns of its covariance, the placement of the
-targets, and the path of the camera. Their prior is the posterior of the calibration, and all
-frames together estimate them. A model holds if the estimate is consistent with the prior and with
-the noise of the frames, and if the residuals are consistent with that noise.
+In a single frame, noise hides an error that is common to all frames. In this test, the stated
+errors of a model are unknowns shared by all frames: the columns of its covariance, the placement
+of the targets, and the path of the camera. Their prior is the posterior of the calibration; the
+estimate uses all frames jointly. A model is adequate if the estimate is consistent with the prior
+and with the noise of the frames, and if the residuals are consistent with this noise.
 
-Errors correlated from frame to frame carry less information than independent ones; the residuals
-determine how much less. Source: Newey and West, Econometrica 55 (1987).
+Errors correlated from frame to frame carry less information than independent errors; the factor is
+estimated from the residuals. Source: Newey and West, Econometrica 55 (1987).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ PERSISTENCE = PersistenceSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameEvidence:
-    """A frame and its prediction, as `persistent_errors` uses them.
+    """A frame and its prediction, in the form used by `persistent_errors`.
 
     residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
     white noise, NaN: that of the model; tip_errors (sources, 2) m: displacement of the tip by one
@@ -114,10 +114,10 @@ class PersistentErrors:
     frames: number used; repeated: number of frames equivalent to one independent frame, 1 if the
     noise is independent. moved: chi squared of the estimated columns of the model's covariance, of
     which `unknowns` are determined by the frames; moved_with_places, unknowns_with_places: these
-    numbers including the target positions. chance: p-value of that chi squared; sure: significance
+    numbers including the target positions. chance: p-value of this chi squared; sure: significance
     level. left: chi squared per degree of freedom of the remaining residual; left_limit: its limit
     for noise alone. tip_rms (m): resulting displacement of the tip; tips_outside: share of frames
-    whose true tip is then outside its stated 95 % ellipse.
+    with the true tip outside its stated 95 % ellipse, given this displacement.
     """
 
     frames: int
@@ -190,9 +190,9 @@ class PersistentErrors:
 def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErrors | None:
     """Test for errors common to all frames (in order of time); None for too few frames.
 
-    Everything is linearized at the estimates. The shared unknowns have the prior of the arm: the
-    columns of the model's covariance, the correlated target positions, and the camera. Independent
-    errors of each frame are those of its readings, and the white noise of targets.
+    The problem is linearized at the estimates. The shared unknowns (columns of the model's
+    covariance, correlated target positions, camera) have the prior of the arm. Independent errors
+    of each frame are those of its readings, and the white noise of targets.
     """
     odd = [frame.beyond for frame in kept]
     if any(odd) and np.mean(odd) <= PERSISTENCE.odd:
@@ -304,7 +304,7 @@ def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
 
 
 def frames_as_one(scores: Array) -> float:
-    """Return how many correlated frames are worth one independent frame, at least 1.
+    """Return the number of correlated frames equivalent to one independent frame, at least 1.
 
     scores (frames, unknowns): contribution of the residual of each frame to each unknown.
     """
@@ -321,7 +321,7 @@ def frames_as_one(scores: Array) -> float:
 def distance(step: Array, spread: Array) -> tuple[float, int]:
     """Return chi squared of a step (n,) with covariance spread (n, n), and its degrees of freedom.
 
-    Directions that the frames hardly determine do not count.
+    Directions that are barely observable in the frames are excluded.
     """
     variances, axes = np.linalg.eigh(spread)
     seen = variances > SEEN
@@ -332,8 +332,8 @@ def distance(step: Array, spread: Array) -> tuple[float, int]:
 def without_prior(step: Array, covariance: Array) -> tuple[Array, Array]:
     """Return a step (n,) and its covariance (n, n) from the frames alone, without the prior.
 
-    A prior that the frames contradict would shorten the step. If the frames are uninformative, the
-    step is unchanged.
+    A prior in conflict with the frames would shorten the step. If the frames are uninformative,
+    the step is unchanged.
     """
     remaining, axes = np.linalg.eigh(covariance)
     information = np.where(1.0 - remaining > SEEN, 1.0 - remaining, 1.0)
@@ -349,7 +349,7 @@ def chance_of(distance: float, unknowns: int) -> float:
 def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
     """Return the squared tip displacement (m^2) in a frame due to a step of the model columns.
 
-    Also returns the probability that the true tip is then outside its stated 95 % ellipse,
+    Also returns the resulting probability that the true tip is outside its stated 95 % ellipse,
     including the errors of its readings. covariance (columns, columns) of the step. A sum of
     squares of normal variables is approximated by a gamma law with the same mean and variance.
     """

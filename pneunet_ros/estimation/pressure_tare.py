@@ -19,12 +19,12 @@ LARGEST_CHANGE = 0.01  # of the calibrated range: the range of readings, for any
 def pressure_zero(
     arm: Arm, convention: PressureConvention, readings: tuple[PressureReading, ...]
 ) -> tuple[float | None, str]:
-    """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
+    """Return the offset (Pa) that zeroes the readings of the vented arm, and a sentence.
 
     convention: meaning of the sensor readings; its offset is ignored.
 
     The offset is None if there are too few readings, if they vary by more than the noise and by
-    more than a share of the range, or if the offset is too large for a zero error.
+    more than a fraction of the range, or if the offset is too large for a zero error.
     """
     if len(readings) < FEWEST:
         return None, f'only {len(readings)} recent pressure readings; at least {FEWEST} are needed'

@@ -1,4 +1,4 @@
-"""Check of the declared pressure unit and reference while readings arrive."""
+"""Online check of the declared pressure unit and reference."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ PERIOD = 1.0  # s between verdicts, as of diagnostics
 class PressureWatch:
     """Pressure readings so far, the time of the last check, and its verdict.
 
-    since: the record since a verdict against the readings; if it shows that the sensor was
-    corrected, it replaces the whole record.
+    since: the record since a verdict against the readings; it replaces the whole record if it
+    shows that the sensor was corrected.
     """
 
     record: PressureRecord = field(default_factory=PressureRecord)
@@ -63,7 +63,7 @@ class PressureWatch:
         )
 
     def refusal(self, stamp_ns: int) -> Refusal | None:
-        """Return why the readings cannot be used; None if they can."""
+        """Return the error if the readings cannot be used, else None."""
         if self.verdict is None or not self.verdict.contradicted:
             return None
         return Refusal(

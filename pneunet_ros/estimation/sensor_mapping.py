@@ -12,7 +12,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchReading:
     """Return the end load in the base frame from a sensor reading.
 
-    Unmeasured out-of-plane components are taken as zero.
+    Unmeasured out-of-plane components are set to zero.
     """
     sign = settings.wrench_sign * settings.wrench.size
     force = rotate(settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
@@ -34,7 +34,7 @@ def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchRe
 
 
 def wrong_frame(settings: EstimatorSettings, reading: WrenchReading) -> str:
-    """Return why a wrench cannot be used because of its frame; empty if it can."""
+    """Return why the frame of a wrench rules out its use; empty if it does not."""
     known = [frame for frame in (settings.frame_id, settings.wrench_frame) if frame]
     if reading.frame_id in known:
         return ''

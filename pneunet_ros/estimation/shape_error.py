@@ -1,7 +1,8 @@
 """Distances between shapes of an arm: at the tip, and along the arm.
 
 Points are compared at the same material arclength, and frames at the nearest stamps: each frame of
-the slower series is matched with the nearest one of the faster series, within half a period of it.
+the slower series is matched with the nearest frame of the faster series, within half a period of
+the latter.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ class ShapeSeries:
 
     frame: the coordinate frame, '' if unknown. exact: whether it is a ground truth without errors.
     pressures: its pressures, None if unknown. whole: whether its centerlines are known to reach
-    the free end; those of a truth may.
+    the free end (those of a truth may or may not).
     """
 
     name: str
@@ -126,8 +127,8 @@ class TipErrors:
     """Tip errors over matched frames.
 
     difference (frames, 2) m; heading (frames,) rad, NaN if unknown on one side; motion (frames,)
-    m: how far the tip moves, at its speed, in the time between the stamps. at (m): compared place
-    along the arm; at_end: whether that is the free end. inside_95: share of the frames whose 95 %
+    m: motion of the tip, at its speed, in the time between the stamps. at (m): compared place
+    along the arm; at_end: whether this is the free end. inside_95: share of the frames whose 95 %
     ellipse contains the truth, NaN without covariance or truth. topics: those of the two sides.
     """
 
@@ -172,8 +173,8 @@ class CenterlineErrors:
 class Comparison:
     """Comparison of one source with another; length (m) of the arm, NaN if unknown.
 
-    tip, shape: None if one side does not have it, if no frame matches, or if the two are of
-    different arms, as described in `unlike`.
+    tip, shape: None if one side does not have them, if no frame matches, or if the two sides are
+    of different arms, as described in `unlike`.
     """
 
     of: ShapeSeries
@@ -223,7 +224,7 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
 
 
 def last_stations(of: ShapeSeries, to: ShapeSeries) -> list[float]:
-    """Return the arclength (m) of the last stations, of those sides that may end at the tip."""
+    """Return the arclength (m) of the last stations of the sides that may end at the tip."""
     return [
         float(item.centerlines.arclength[-1])
         for item in (of, to)
@@ -232,7 +233,7 @@ def last_stations(of: ShapeSeries, to: ShapeSeries) -> list[float]:
 
 
 def ends_short(of: ShapeSeries, to: ShapeSeries) -> bool:
-    """Whether a truth whose stations may end before the tip does so."""
+    """Whether the stations of a truth end before the tip."""
     ends = last_stations(of, to)
     is_open = any(item.exact and not item.whole for item in (of, to))
     return is_open and len(ends) == 2 and abs(ends[0] - ends[1]) > END
@@ -357,7 +358,7 @@ def share_inside(difference: Array, covariance: Array) -> float:
 
 
 def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | None:
-    """Compare at the places of one side, as far as both reach along the arm.
+    """Compare at the places of one side, over the common range of arclength.
 
     The places are those of the side with missing points, or with fewer points; the other side is
     interpolated by cubic splines over arclength. None if no frame matches.

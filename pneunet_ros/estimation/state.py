@@ -25,12 +25,12 @@ from pneunet_ros.solver.solution import SolverNodes
 class EstimatorState:
     """State of an estimator between readings.
 
-    history_ns: stamp of the last pressure reading in the history, without impossible readings;
-    earlier: the end wrench before the last; moving: motion of the arm, if the model has `motion`;
-    passed: the end wrench of the last estimate of a moving arm, and those since; before: the state
-    before a pressure reading that follows a gap of more than a second, kept until the next reading
-    shows whether its stamp was right; watch: check of the declared meaning of pressure readings;
-    gravity: direction of gravity.
+    history_ns: stamp of the last pressure reading in the history, excluding impossible readings;
+    earlier: the end wrench before the last one; moving: motion of the arm, if the model has
+    `motion`; passed: the end wrench of the last estimate of a moving arm, and all later ones;
+    before: the state before a pressure reading that follows a gap of more than a second, kept
+    until the next reading shows whether the stamp was right; watch: check of the declared meaning
+    of pressure readings; gravity: direction of gravity.
     """
 
     pressure_stamp_ns: int | None = None
@@ -83,7 +83,7 @@ class EstimatorState:
         return replace(self, watch=self.watch.after(reading, arm, settings))
 
     def with_impossible(self, stamp_ns: int) -> EstimatorState:
-        """Return the state after an impossible pressure reading, which is only counted."""
+        """Count an impossible pressure reading, which is otherwise ignored."""
         return replace(self, pressure_stamp_ns=stamp_ns, solution=None)
 
     def with_estimate(
@@ -93,7 +93,7 @@ class EstimatorState:
         solution: SolverNodes,
         moving: MovingState | None = None,
     ) -> EstimatorState:
-        """Return the state after an estimate, whose branch the next one follows."""
+        """Return the state after an estimate; the next estimate follows its branch."""
         return replace(
             self,
             pressure_stamp_ns=stamp_ns,
@@ -106,7 +106,7 @@ class EstimatorState:
         )
 
     def fresh(self) -> EstimatorState:
-        """Forget all readings; counters continue."""
+        """Discard all readings; counters are kept."""
         return EstimatorState(
             estimates=self.estimates,
             resets=self.resets + 1,
@@ -123,8 +123,8 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
     """Whether a reading is admissible: finite, stamped, and later than the last one of its kind.
 
     A stamp that jumps back by more than a second (a looping bag, a restarted simulation) causes a
-    restart, unless it only shows that the previous stamp was wrong; the third value says which of
-    these happened.
+    restart, unless it only shows that the previous stamp was wrong; the third value distinguishes
+    the two.
     """
     what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
     last = state.pressure_stamp_ns
@@ -157,10 +157,10 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
 
 
 def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
-    """Return the state without the last reading of a kind, if this one shows its stamp was wrong.
+    """Remove the last reading of a kind if this one shows that its stamp was wrong.
 
-    None if time itself has jumped back. A stamp was wrong if a pressure follows the reading before
-    the last, or if a wrench is nearer to the pressure than the last one.
+    None if time itself has jumped back. The stamp was wrong if a pressure follows the reading
+    before the last, or if a wrench is nearer to the pressure than the last wrench.
     """
     before, stamp_ns = state.before, reading.stamp_ns
     if isinstance(reading, WrenchReading):
