@@ -66,11 +66,11 @@ class Calibration:
     """The result: the arm, its fits, the noise, and a comparison of moment laws.
 
     posterior: the prior for continuing this calibration. free: the fit of experiment 1; joint: the
-    fit to all recordings (equal to free if none is loaded). explained_variance: share of the
+    fit to all recordings (identical to free if none is loaded). explained_variance: share of the
     shape's variance in the low-rank covariance of the model file. notes: undetermined quantities,
     and recordings that do not fit the others. variation: variation of the stiffness along the arm;
-    None if it was not tested. motion: frames that were left out because the arm was moving; None
-    if there were none. settings of the calibration.
+    None if it was not tested. motion: frames excluded because the arm was moving; None if there
+    were none. settings: of the calibration.
     """
 
     arm: Arm
@@ -106,13 +106,13 @@ def calibrate(
         loaded: recordings under end load, N and N m in the base frame; may be none.
         frame: an arm with the length, weight, clamp, targets, effects, and everything that the
             recordings do not determine; for a Majidi law also the cross-section.
-        kind: the moment law to fit; None: the paper's, or one stiffness if the loaded frames add
-            no information.
+        kind: the moment law to fit; None: the paper's, or a single stiffness if the loaded
+            frames add no information.
         compare: also fit without each loaded recording, and with the other laws; the error bars
             include the changes.
         earlier: posterior of another calibration to continue from, with its tables.
         on_progress: called with the stage, its progress, and its total (0: unknown).
-        settings: those that can change; see `CalibrationSettings`.
+        settings: see `CalibrationSettings`.
 
     Returns:
         The arm with error bars, and its fits; use it only if `joint.converged`.
@@ -249,7 +249,7 @@ def fit_experiments(
     compare: bool,
     earlier: PosteriorState | None,
 ) -> ExperimentFits:
-    """Fit both experiments as far as they were recorded; arguments as in `calibrate`."""
+    """Fit the recorded experiments; arguments as in `calibrate`."""
     unloaded, loaded, resolution = prepared.unloaded, prepared.loaded, prepared.resolution
     if earlier is not None:
         new = fits.continue_from(earlier, prepared.runs, kind, bool(loaded))
@@ -275,11 +275,11 @@ def fit_experiments(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WidenedFit:
-    """The fit to all recordings, with error bars that include its changes when some are left out.
+    """The fit to all recordings, with error bars widened by leave-one-out changes.
 
-    joint: also with the nonuniformity of the arm; kept: without it, for continuing this
-    calibration. undetermined: notes on undetermined quantities. left_out, recordings: results of
-    leaving out pressures and recordings; None if nothing was left out.
+    joint: widened also by the nonuniformity of the arm; kept: without the nonuniformity, for
+    continuing this calibration. undetermined: notes on undetermined quantities. left_out,
+    recordings: results of leaving out pressures and recordings; None if nothing was left out.
     """
 
     joint: Fit
@@ -317,7 +317,7 @@ def notes_of(
     variation: StiffnessVariation | None,
     kind: str | None,
 ) -> tuple[Note, ...]:
-    """Return the notes of a calibration, in the order in which it proceeds."""
+    """Return the notes of a calibration, in order of its stages."""
     joint, left_out, recordings = widened.joint, widened.left_out, widened.recordings
     return (
         *(() if prepared.motion is None else (prepared.motion.left_out,)),
@@ -339,7 +339,7 @@ def notes_of(
 
 
 def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
-    """Return how many model fits a calibration with this many loaded runs takes."""
+    """Return the number of model fits in a calibration with this many loaded runs."""
     if resolution.constant_pressure:
         return 2
     if not loaded:
@@ -401,7 +401,7 @@ def describe_structure(fit: Fit, resolution: Resolution) -> list[Note]:
 
 
 def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:
-    """Return the domain of the recordings of a fit, joined with the earlier one."""
+    """Return the domain of the recordings of a fit, merged with the earlier domain."""
     observed = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs
     ]

@@ -1,10 +1,11 @@
 """The camera clock relative to the clock of the readings: two unknowns per recording.
 
-If lost frames of a film are not counted, its stamps k / fps run slow. To first order, a timing
-error moves the targets by their velocity: delay (s) in the middle of the recording, rate (s/s).
-Both are unknowns with a prior, fitted together with all others; the evidence shows whether the
-rate is real. An offset alone is not reported here, because a line between pressure sensor and
-chamber looks like one; `diagnose` distinguishes them (`camera_delay`).
+If a film does not count lost frames, its stamps k / fps run slow. To first order, a timing error
+moves the targets in proportion to their velocity. The unknowns are the delay (s) in the middle of
+the recording and the rate (s/s). Both have a prior and are fitted together with all other
+unknowns; the evidence decides whether the rate is real. A constant offset is not reported here,
+because the line between pressure sensor and chamber has the same effect; `diagnose` distinguishes
+the two (`camera_delay`).
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class CameraClock:
 
     @property
     def evidence(self) -> float:
-        """Return the log odds that the clock is wrong, given its frames."""
+        """Return the log odds of a wrong clock, given its frames."""
         observed = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
         if not observed > 0.0:
             return -ODDS_AGAINST
@@ -75,12 +76,11 @@ class CameraClock:
 
 
 def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
-    """Return the clocks whose rate is observable from the frames of a fit, by recording.
+    """Return the clocks, by recording, whose rate is observable from the frames of a fit.
 
-    noise of the fit. All clocks are estimated together, because a wrong clock biases the arm and
-    thereby the other recordings. To first order, this bias may look like wrong clocks of the other
-    recordings. Therefore only clocks with at least half of the largest evidence are returned; the
-    others may be right.
+    noise: of the fit. All clocks are estimated together, because a wrong clock biases the fitted
+    arm, and this bias may look like wrong clocks in the other recordings. Therefore only clocks
+    with at least half of the largest evidence are returned; the others may be right.
     """
     posterior, last = posterior_at(fit, noise)
     prior, timed = posterior.prior, list[RecordingData]()
@@ -124,8 +124,8 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
 def confirms(retimed_fit: Fit, before: Fit) -> bool:
     """Whether correcting the stamps improves the fit as much as a wrong clock predicts.
 
-    With a model error, `camera_clocks` finds clocks that do not improve the fit. The improvement
-    counts in units of the misfit that remains, because a model error has more chances than noise.
+    With a model error, `camera_clocks` may report clocks that do not improve the fit. The
+    improvement is measured in units of the remaining misfit, which also contains the model error.
     """
     gain = retimed_fit.log_evidence - before.log_evidence * (retimed_fit.dof / before.dof)
     misfit = max(retimed_fit.chi_squared / retimed_fit.dof, 1.0)
@@ -147,8 +147,7 @@ def middle_of(run: RecordingData) -> int:
 def velocities(arm: Arm, run: RecordingData) -> Array:
     """Return the velocities of targets and of the last heading, (frames, coordinates) m/s.
 
-    They are computed from the readings just before and after each frame; zero if the arm has no
-    shape.
+    Computed from the readings just before and after each frame; zero if the arm has no shape.
     """
     other_effects = tuple(item for item in arm.effects if not item.frame_delay)
     arms = [

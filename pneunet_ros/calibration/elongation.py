@@ -54,7 +54,7 @@ def is_given(arm: Arm) -> bool:
 
 
 def without_fitted(arm: Arm) -> Arm:
-    """Remove the elongation that an earlier calibration fitted, if any.
+    """Remove an elongation fitted by an earlier calibration.
 
     The covariance is removed as well, because it is valid only for the elongating arm.
     """

@@ -68,7 +68,7 @@ class LawScore:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """The smaller, the better: first the missing frames, then the rms."""
+        """Sort key, best law first: number of missing frames, then rms."""
         return self.missing, self.rms if np.isfinite(self.rms) else np.inf
 
 
@@ -78,7 +78,8 @@ class FitSequence:
     planned, done: number of planned fits (0 if unknown) and of finished fits. low, high (Pa):
     pressure range of the recordings. uniform: whether kappa_p0 is constant along the arm by
     definition of the model. resolution of the recordings; None: everything is fitted. shapes,
-    elongates: as in `Parameters`; until the first experiment has chosen, the largest ones to try.
+    elongates: as in `Parameters`; before the first experiment selects them, the largest
+    candidates.
     """
 
     def __init__(
@@ -122,8 +123,8 @@ class FitSequence:
     def check_law(self, loaded: Sequence[RecordingData]) -> None:
         """Replace a moment law that does not cover all pressures by a linear one.
 
-        The loaded recordings then determine it. Without any, the law is not extrapolated: raises
-        RequestError.
+        The loaded recordings then determine the linear law. Without loaded recordings, raises
+        RequestError, because a law is never extrapolated.
         """
         low, high = self.frame.moment_law.pressure_range
         margin = EXTRAPOLATION * (high - low) if np.isfinite(high - low) else 0.0
@@ -207,7 +208,7 @@ class FitSequence:
     def first_experiment(self, unloaded: Sequence[RecordingData]) -> Fit:
         """Fit kappa_p0 to the unloaded recordings, with its smoothness chosen by the evidence.
 
-        The first fit also chooses the number of values along the arm, and whether the arm
+        The first fit also selects the number of values along the arm, and whether the arm
         lengthens.
         """
         resolution, frames = self.settings.resolution, self.settings.experiments.first_frames
@@ -224,7 +225,7 @@ class FitSequence:
         return self.fit('kappa_p0', unloaded, best.hyperparameters, start=start)
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
-        """Return the uniform stiffness EI (N m^2) that explains the loads best, to start a fit."""
+        """Return the uniform stiffness EI (N m^2) that best explains the loads, to start a fit."""
         likely = self.likely_stiffness(runs, free.arm, free.placement)
         law = self.law(LinearLaw.kind, likely)
         frames = self.settings.experiments.first_frames
@@ -234,11 +235,11 @@ class FitSequence:
     def likely_stiffness(
         self, runs: Sequence[RecordingData], arm: Arm, placement: Array | None = None
     ) -> float:
-        """Return the EI (N m^2) that fits the targets best, to start a fit.
+        """Return the EI (N m^2) that best fits the targets, as a starting value.
 
-        placement (2, targets) m of the targets, as far as it is known.
+        placement (2, targets) m of the targets, where known.
 
-        Scans values that are decades apart, then searches between the neighbors of the best. The
+        Scans values a decade apart, then searches between the neighbors of the best value. The
         cost is the mean log error, so that a frame in which the arm snaps does not dominate.
         """
         runs = [run.thin(SCANNED_FRAMES) for run in runs if run.loaded]
@@ -317,7 +318,7 @@ class FitSequence:
         free: Fit,
         stiffness: float,
     ) -> tuple[LawScore, ...]:
-        """Score each law on each loaded recording, leaving that one out of the fit."""
+        """Score each law on each loaded recording, with that recording left out of the fit."""
         results = []
         every = [*unloaded, *loaded]
         for kind in MOMENT_LAW_PARAMETERS:
@@ -404,9 +405,9 @@ class FitSequence:
 def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None) -> Array:
     """Return the mean square error (m^2) of the targets in every frame, (frames,).
 
-    placement (2, targets) m, along and across the arm, from a fit; if given, the common part of
-    all frames is attributed to the camera position. A frame without equilibrium counts as an error
-    of the length of the arm.
+    placement (2, targets) m, along and across the arm, from a fit; if given, the mean error of all
+    frames is attributed to the camera position. The error of a frame without equilibrium is set to
+    the length of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)
     (inputs,) = inputs_of(arm, [run])

@@ -1,8 +1,8 @@
 """Initial guess of kappa_p0: circular arcs through the targets of each frame.
 
-A search that starts with a straight arm passes through shapes far from the data. There, a table
-that jumps from row to row explains any misfit by pressure noise, and with a noisy sensor the
-search may not recover. Weight also bends the arm, so the guess is only a starting point.
+A search that starts with a straight arm passes through shapes far from the data, where a table
+that jumps from row to row explains any misfit by pressure noise; with a noisy sensor, the search
+may not recover. The guess is only a starting point, because the weight also bends the arm.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def first_curvature(runs: Sequence[RecordingData], arm: Arm, pressure: Array) ->
 def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Return the tip angle (frames,) rad relative to the clamp, and the frames that show the tip.
 
-    The angle is assumed to change by less than half a turn from one frame to the next higher
-    pressure, of whichever run.
+    The angle is assumed to change by less than half a turn from each frame to the frame with the
+    next higher pressure, in any run.
     """
     pressure = np.concatenate([run.frame_pressure for run in runs])
     turn = np.concatenate(
@@ -61,7 +61,7 @@ def tip_turns(runs: Sequence[RecordingData], arm: Arm) -> tuple[Array, npt.NDArr
 
 
 def arc_curvature(seen: npt.NDArray[np.complex128], arclength: Array) -> Array:
-    """Return the curvature (frames,) 1/m of the arcs from the clamp that fit the targets best.
+    """Return the curvature (frames,) 1/m of the best-fitting arcs from the clamp.
 
     seen (frames, targets) m: x + i y of targets, x along the clamp, NaN where one was not seen;
     arclength (targets,) m.

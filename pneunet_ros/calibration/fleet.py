@@ -1,8 +1,9 @@
 """Comparison of calibrated arms at one pressure, and outlier detection.
 
-Arms of one design differ. Center and scatter are estimated robustly, so that odd arms do not mask
+Arms of one design differ. Center and scatter are estimated robustly, so that outliers do not mask
 themselves. The distance of an arm from the center is relative to scatter and error bars together.
-Simulated fleets of similar arms, with the same error bars, show how far the furthest arm may be.
+Simulated fleets of similar arms with the same error bars give the distribution of the largest
+distance.
 """
 
 from __future__ import annotations
@@ -61,13 +62,13 @@ class ArmNumbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fleet:
-    """Arms side by side.
+    """Comparison of several arms.
 
-    pressure (Pa) of the comparison; numbers (n,) that several arms have; values and stds (arms,
-    n), NaN if unknown for an arm; center and scatter (n,): mean of similar arms, and their
-    differences beyond the error bars. p_values (arms,): probability that the furthest of equally
-    many similar arms deviates at least as much, NaN if an arm is not compared; log_chance (arms,):
-    log of this probability for a single arm, for sorting.
+    pressure (Pa) of the comparison; numbers (n,): quantities known for several arms; values and
+    stds (arms, n), NaN if unknown for an arm; center and scatter (n,): mean of similar arms, and
+    their standard deviation beyond the error bars. p_values (arms,): probability that the furthest
+    of as many similar arms deviates at least as much, NaN if an arm is not compared; log_chance
+    (arms,): log of this probability for a single arm, for sorting.
     """
 
     names: tuple[str, ...]
@@ -127,7 +128,7 @@ class Fleet:
 
 
 def compared_pressure(arms: Sequence[Arm]) -> float:
-    """Return the largest pressure or vacuum (Pa) that most arms reach; they are compared there."""
+    """Return the largest pressure or vacuum (Pa) that most arms reach, used to compare them."""
     tops = sorted((max(arm.pressure_range, key=abs) for arm in arms), key=abs, reverse=True)
     return tops[max(int(np.ceil(REACHED * len(tops))) - 1, 0)]
 
@@ -357,7 +358,8 @@ def center_and_scatter(values: Array, variances: Array) -> tuple[Array, Array]:
     """Return median and scatter beyond the error bars of each number, (fleets, n) each.
 
     With this scatter, the median of the squared deviations, normalized by scatter and error bar,
-    equals that of a standard normal variable; it is zero where the error bars alone suffice.
+    equals that of a standard normal variable. The scatter is zero where the error bars alone
+    suffice.
     """
     center = np.nanmedian(values, axis=1)
     square = np.zeros_like(center)
@@ -415,9 +417,9 @@ def simulate_smallest(
 ) -> Array:
     """Return the smallest log probability in each of many simulated fleets of equal arms.
 
-    The simulated fleets have the same number of arms, error bars and missing numbers, and use the
-    same estimate of center and scatter, because with few arms the largest deviation exceeds that
-    of a chi squared distribution.
+    The simulated fleets have the same number of arms, error bars and missing numbers, and the same
+    estimator of center and scatter, because with few arms the largest deviation does not follow a
+    chi squared distribution.
     """
     random = np.random.default_rng([seed, values.shape[0]])
     roots = [np.linalg.cholesky(with_jitter(one + scatter)) for one in covariance]
@@ -428,5 +430,5 @@ def simulate_smallest(
 
 
 def with_jitter(covariance: Array) -> Array:
-    """Return a covariance, changed by no more than rounding, that has a Cholesky factor."""
+    """Make a covariance positive definite by a change of rounding size."""
     return np.asarray(covariance + 1e-9 * np.diag(np.diag(covariance)))

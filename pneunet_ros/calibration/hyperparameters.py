@@ -1,6 +1,6 @@
 """Model selection: smoothness of kappa_p0, numbers along the arm, and elongation.
 
-The evidence of a first, linearized fit with all terms decides.
+Selected by the evidence of a first, linearized fit with all terms.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ def most_likely_parameters(
     settings: ResolutionSettings,
     length_scales: Sequence[float],
 ) -> Parameters:
-    """Return the parameters with the largest evidence among those tried.
+    """Return the candidate parameters with the largest evidence.
 
-    The data enter through the information of the fit and its vector, so nothing is solved again.
-    With few targets, an unevenly bending arm looks similar to an elongation, so uneven bending is
-    a competing hypothesis (`nonuniformity`). length_scales: smoothness along the arm to choose
-    from, of its length.
+    The data enter through the information matrix and vector of the fit, so that no equilibrium is
+    solved again. With few targets, uneven bending resembles an elongation and is therefore a
+    competing hypothesis (`nonuniformity`). length_scales: candidates for the smoothness along the
+    arm, relative to its length.
     """
     parameters = first.parameters
     known, cells = parameters.before_law, parameters.cells
@@ -50,7 +50,7 @@ def most_likely_parameters(
 def smoothnesses(
     first: Fit, parameters: Parameters, length_scales: Sequence[float]
 ) -> Iterator[Parameters]:
-    """Yield parameters for every smoothness; a fit gives the amplitude of kappa_p0."""
+    """Yield parameters for every smoothness; the amplitude of kappa_p0 is that of a fit."""
     largest = float(np.max(np.abs(first.values[: parameters.cells])))
     for length_scale, std, size in itertools.product(
         length_scales, HYPERPARAMETERS.stds, AMPLITUDES

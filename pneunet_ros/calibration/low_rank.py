@@ -30,7 +30,7 @@ def low_rank(
 
     Keeps the directions of the full covariance that move the targets of the fitted frames most,
     and scales them to preserve the total variance. If the targets resolve less than the table of
-    kappa_p0, the shape at its knots and pressures counts too.
+    kappa_p0, the shape at the knots and pressures of the table is included.
     """
     if guessed is None:
         guessed = np.zeros((fit.values.size, 0))
@@ -58,7 +58,7 @@ def low_rank(
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Return a square root (n, n) of a covariance, even if rounding made it indefinite.
+    """Return a square root (n, n) of a covariance that rounding may have made indefinite.
 
     Exactly known quantities get a variance of rounding size.
     """
@@ -99,8 +99,8 @@ def rounded(values: Array) -> Array:
 def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:
     """Return the derivative of the shape in some frames of every run, (points, parameters).
 
-    The points are the targets (m); if there are few, also the knots, and then also unloaded at the
-    pressures of the table. Points are x, then y of all places, frame by frame.
+    The points are the targets (m); with few targets, also the knots, and the unloaded shapes at
+    the pressures of the table. Points are x, then y of all places, frame by frame.
     """
     arm, parameters = fit.arm, fit.parameters
     inputs = [run_inputs(run, count) for run in fit.runs]

@@ -1,9 +1,9 @@
 """MAP estimation of the model by Gauss-Newton on target points.
 
-The fit is to the points, not to curvature from derivatives. Parameters of the model, disturbances
-of the measurement and errors of pressure and force readings have Gaussian priors; reading errors
-are integrated out frame by frame, the rest is solved for. All unknowns are scaled to their prior,
-so that it is the unit matrix.
+The model is fitted to target points, not to curvature from numerical derivatives. Model
+parameters, measurement disturbances and errors of pressure and force readings have Gaussian
+priors; reading errors are marginalized frame by frame, all other unknowns are estimated. Unknowns
+are scaled so that the prior covariance is the identity.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ class ScaledPrior:
 class LinearizedPosterior:
     """The posterior linearized at scaled unknowns (n,): cost, normal matrix (n, n), gradient (n,).
 
-    Matrix and gradient are those of the data; the prior adds the unit matrix and -scaled. bounds:
-    limits of a step.
+    Matrix and gradient are those of the data; the prior adds the identity matrix and -scaled.
+    bounds: limits of a step.
     """
 
     scaled: Array
@@ -100,9 +100,9 @@ class LinearizedPosterior:
 class Posterior:
     """Negative log posterior over all runs, and its linearization.
 
-    The forward models keep their equilibria as starting points. Every trial starts from those of
-    the linearization, so that an arm that snaps to another equilibrium in a too large trial step
-    does not stay there.
+    The forward models keep their equilibria as starting points. Every trial starts from the
+    equilibria of the linearization, so that an arm that snaps to another equilibrium in too large
+    a trial step does not stay there.
     """
 
     def __init__(
@@ -135,8 +135,8 @@ class Posterior:
     def linearize(self, scaled: Array, *, keep_jacobians: bool = False) -> LinearizedPosterior:
         """Return the joint linearization of all runs at scaled unknowns.
 
-        keep_jacobians: also keep the Jacobian of each frame, which needs too much memory for an
-        hour of film.
+        keep_jacobians: also keep the Jacobian of each frame, which needs much memory for a long
+        film.
         """
         prior, size = self.prior, self.prior.size
         values, disturbance = prior.unscale(scaled)
@@ -192,7 +192,7 @@ def fit(
         targets: (targets,) m, arclength of the targets.
         start: (n,) initial values; None: the mean of the prior.
         on_progress: called with the number of each step and the cost.
-        small_step: size of a step (sigma) at which the fit has converged; None: the usual one.
+        small_step: step size (sigma) below which the fit has converged; None: the default.
 
     Returns:
         The fit with covariance; `converged` and `status` say how the search ended.

@@ -23,7 +23,7 @@ MOST_SPLIT = 0.9  # l1 / l, as well
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MomentLawParameters(abc.ABC):
-    """Parameters of one kind of moment law, with a prior that the data easily outweigh.
+    """Parameters of one kind of moment law, with a weak prior.
 
     mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2). given: the law
     of the arm file, for constants that are not fitted.
@@ -50,7 +50,7 @@ class MomentLawParameters(abc.ABC):
 
         All of these laws are linear in their parameters, so the derivatives do not depend on their
         values; pressure (n,) Pa. The last results are cached, because recordings are evaluated
-        again and again.
+        repeatedly.
         """
         return slopes_at(self, pressure.tobytes())
 
@@ -62,8 +62,8 @@ class MomentLawParameters(abc.ABC):
     def scalings(self, values: Array) -> Array:
         """Return the derivatives of parameters (n,) by ln EI of each section, (n, sections).
 
-        For a law in which a part of EI is given, such as Majidi's, the derivatives are for the
-        rest.
+        For a law with a given part of EI, such as Majidi's, the derivatives are by the fitted
+        part.
         """
         return values[:, None]
 
@@ -81,8 +81,8 @@ class MomentLawParameters(abc.ABC):
 class PiecewiseParameters(MomentLawParameters):
     """Eq 10: a line in pressure and a small bow for alpha1 and for alpha2; l1 / l in rows.
 
-    The paper regresses the rigidities linearly in pressure; the bow keeps the errors of that line
-    honest. Unknowns per section: alpha at the lower and upper end of the range, and its excess
+    The paper regresses the rigidities linearly in pressure; the bow avoids overconfident errors of
+    that line. Unknowns per section: alpha at the lower and upper end of the range, and its excess
     over the line in the middle. The split may have kinks. M_O is zero, because it cannot be
     distinguished from kappa0.
     """
@@ -177,11 +177,11 @@ class OneConstantParameters(MomentLawParameters):
     @property
     @abc.abstractmethod
     def guess(self) -> float:
-        """The constant that gives the guessed stiffness at no pressure."""
+        """The constant that gives the guessed stiffness at zero pressure."""
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """The constant is positive."""
+        """Limits of the constant, which is positive."""
         return LEAST_SHARE * self.mean, np.array([np.inf])
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
@@ -223,7 +223,7 @@ class MajidiParameters(OneConstantParameters):
 
     @property
     def guess(self) -> float:
-        """The modulus that gives the guessed stiffness at no pressure."""
+        """The modulus that gives the guessed stiffness at zero pressure."""
         section = self.section
         return 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
 

@@ -1,8 +1,8 @@
 """Sensor noise estimated from the recordings themselves, without model residuals.
 
-White noise is estimated from second differences in time, in which smooth motion cancels; position
-and drift of the camera from the target at the clamp, which does not move with the arm; placement
-of the targets from their distance to a smooth curve while the arm is straightest.
+White noise is estimated from second differences in time, which cancel smooth motion; position and
+drift of the camera from the target at the clamp, which does not move with the arm; placement of
+the targets from their distance to a smooth curve while the arm is straightest.
 """
 
 from __future__ import annotations
@@ -74,11 +74,11 @@ class NoiseEstimate:
 def estimate_noise(
     runs: Sequence[RecordingData], arclength: Array, assumed: SensorNoise
 ) -> NoiseEstimate:
-    """Estimate all standard deviations; undetermined ones stay `assumed`.
+    """Estimate all standard deviations; undetermined ones keep the `assumed` value.
 
-    arclength (targets,) m of the targets. Runs of a few frames are not used, because they are not
-    a motion; nor are static ones, which have no order in time. A load of exactly zero is not a
-    reading. Target and camera positions are never taken as exact, even if `assumed` says so.
+    arclength (targets,) m of the targets. Runs of a few frames and static runs are not used,
+    because they show no motion in time. A load of exactly zero is not a reading. Target and camera
+    positions are never treated as exact, even if `assumed` is zero.
     """
     assumed = with_places_uncertain(assumed, arclength)
     headings = [run.heading for run in runs if run.heading is not None]
@@ -131,7 +131,7 @@ def estimate_noise(
 def include_steps(
     found: Found, readings: Mapping[str, Sequence[Array]], assumed: SensorNoise
 ) -> list[Note]:
-    """Include the rounding of readings in coarse steps in what was found; describe it."""
+    """Add the quantization of readings in coarse steps to the estimate, with a note."""
     notes = []
     for name, unit in STEPPED:
         step, key = resolution_of(readings[name]), f'{name}_std'
@@ -152,9 +152,9 @@ def include_steps(
 
 
 def include_correlation(found: Found, alike: float, correlation: float) -> list[Note]:
-    """Include the correlation of targets at rest in their noise that was found; describe it.
+    """Inflate the noise of targets for their correlation at rest, with a note.
 
-    alike: number of neighboring targets with the same error.
+    alike: number of neighboring targets with a common error.
     """
     white, source = found['target_std']
     if not alike > 1.0 or white is None:
@@ -209,8 +209,7 @@ def with_noise_of_readings(stated: SensorNoise, runs: Sequence[RecordingData]) -
 def with_places_uncertain(assumed: SensorNoise, arclength: Array) -> SensorNoise:
     """Return the noise with uncertain positions of targets and camera.
 
-    Many arm files state 0; with this value, the error of a stiffness would be many standard
-    errors.
+    Many arm files state 0, with which the stiffness would be wrong by many standard errors.
     """
     length = float(arclength[-1]) if arclength.size else 0.0
     return replace(
@@ -246,7 +245,7 @@ def differing_noise(
 def resolution_of(series: Sequence[Array]) -> float:
     """Return the resolution of a sensor from its readings (values,); 0 if they are not on a grid.
 
-    Readings of a sensor coarser than its noise repeat, and differ by whole steps.
+    Readings of a sensor coarser than its noise are often equal, and differ by whole steps.
     """
     steps = [step for values in series if (step := grid_step(values)) > 0.0]
     return float(np.median(steps)) if 2 * len(steps) > len(series) else 0.0
@@ -271,7 +270,7 @@ def with_step(
     """Return a standard deviation including quantization, and its source.
 
     white: noise of the readings, None if unknown; assumed: used in that case. Noise larger than a
-    step includes the rounding, so nothing is added and the sentence is empty.
+    step already includes the quantization, so nothing is added and the sentence is empty.
     """
     noise = min(assumed, 0.5 * step) if white is None else white
     if step == 0.0 or noise >= step:
@@ -289,7 +288,7 @@ def loads_of(runs: Sequence[RecordingData]) -> list[Array]:
 def load_readings(run: RecordingData) -> Array:
     """Return F1, F2 (N) and M (N m) of all loaded frames, (n, 3).
 
-    Of frames with the same reading, only the first counts: a repeated value has no noise
+    Of frames with the same reading, only the first is used, because repeated values carry no noise
     information.
     """
     load = np.column_stack([run.force, run.moment])
@@ -300,7 +299,7 @@ def load_readings(run: RecordingData) -> Array:
 
 
 def resting_series(series: Sequence[Array]) -> list[Array]:
-    """Return the series that show noise; without slow ones, whose changes are motion."""
+    """Return the series that show noise, excluding slow ones, whose changes are motion."""
     stds = [second_differences([values]) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
     return [
@@ -313,8 +312,8 @@ def resting_series(series: Sequence[Array]) -> list[Array]:
 def second_differences(series: Sequence[Array]) -> float | None:
     """Return the standard deviation of white noise on smooth series, each (values,) in time.
 
-    None for too few values, or if most lie on straight lines to the last digit: a set point, or a
-    sensor coarser than its noise.
+    None for too few values, or if most values lie exactly on straight lines (a set point, or a
+    sensor coarser than its noise).
     """
     differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
     differences = differences[np.isfinite(differences)]
@@ -347,7 +346,7 @@ def noise_of_targets(
     """Return the standard deviation (m) of white noise of targets with rounding, and its source.
 
     arclength (targets,) m; assumed (m): used if the recordings do not determine it. The noise is
-    at least `LEAST_TARGET` of the length.
+    at least `LEAST_TARGET` times the length.
     """
     least = LEAST_TARGET * (float(arclength[-1]) if arclength.size else 0.0)
     white, source = target_noise(runs), 'second differences of target positions in time'
@@ -362,10 +361,10 @@ def noise_of_targets(
 
 
 def target_noise(runs: Sequence[RecordingData]) -> float | None:
-    """Return the standard deviation of white noise of targets while the arm moves evenly.
+    """Return the standard deviation of white noise of targets during smooth motion.
 
     White noise averages out over the targets of a frame, but a change of motion does not. Frames
-    are selected by their mean, which is then removed, so that the selection does not reduce the
+    are selected by their mean, which is then subtracted, so that the selection does not bias the
     noise.
     """
     series = [values for run in runs for values in (run.x, run.y)]
@@ -391,9 +390,9 @@ def target_noise(runs: Sequence[RecordingData]) -> float | None:
 def correlation_at_rest(runs: Sequence[RecordingData], pressure_std: float) -> tuple[float, float]:
     """Return the number of targets with a common error at rest, and the correlation of neighbors.
 
-    The number is 1 if the errors are independent, or if too few frames rest (motion is correlated
-    too). All frames have equal weight, so that a few with undetected motion do not matter. The
-    common motion of all targets is attributed to the camera and subtracted.
+    The number is 1 if the errors are independent, or if the arm rests in too few frames (motion is
+    correlated too). All frames have equal weight, so that a few frames with undetected motion do
+    not matter. The common motion of all targets is attributed to the camera and subtracted.
     """
     rest = [resting_differences(run, pressure_std) for run in runs if not run.loaded]
     rest = [values for values in rest if values.shape[-1] >= NOISE_ESTIMATE.many_targets]
@@ -416,7 +415,7 @@ def correlation_at_rest(runs: Sequence[RecordingData], pressure_std: float) -> t
 def resting_differences(run: RecordingData, pressure_std: float) -> Array:
     """Return second differences in time of targets (n, targets) m while the pressure rests.
 
-    They are for x and y, in triples of successive frames in which all targets are seen.
+    For x and y, over triples of successive frames in which all targets are seen.
     """
     change = np.abs(np.diff(run.frame_pressure)) < RESTS * pressure_std
     resting = change[1:] & change[:-1]
@@ -432,8 +431,8 @@ def placement(
     """Return the standard deviation of the painted positions, per coordinate (m).
 
     The variance beyond the white noise may be zero by chance: the result is at least its own
-    standard error. A few targets may lie on a smooth curve by chance: for few targets the result
-    is at least `assumed` (m). None if unknown.
+    standard error. Because a few targets may lie on a smooth curve by chance, the result for few
+    targets is at least `assumed` (m). None if unknown.
     """
     free = [run.points for run in runs if not run.loaded]
     if not free:

@@ -32,7 +32,7 @@ class Hyperparameters:
 
 
 def reference_of(arm: Arm) -> Array:
-    """Return what the parameters of a fit refer to: length (m), weight (N), targets (m)."""
+    """Return the length (m), weight (N) and targets (m) to which the parameters of a fit refer."""
     return np.array([arm.length, arm.weight, *arm.target_arclength])
 
 
@@ -41,8 +41,8 @@ class PosteriorState:
     """Mean and covariance of all parameters of a fit: the prior of the next one.
 
     values (n,) and placement (2 targets,) m, tangents then normals; covariance (n + 2 targets, n +
-    2 targets) of both, in this order. Placement is included because the dots do not move on the
-    arm: without it, an earlier error of the curvature would count twice.
+    2 targets) of both, in this order. Placement is included because the dots stay in place on the
+    arm; otherwise, an earlier error of the curvature would count twice.
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' if none was fitted.
@@ -79,7 +79,7 @@ class PosteriorState:
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
     def is_of(self, arm: Arm) -> bool:
-        """Whether it refers to an arm of this length, weight and targets, or this is unknown."""
+        """Whether it is of an arm of this length, weight and targets; True if unknown."""
         return self.arm is None or np.array_equal(self.arm, reference_of(arm))
 
     def has_tip(self, painted: int) -> bool:
@@ -175,7 +175,7 @@ class Parameters:
         return np.append(low, self.law.limits[0]), np.append(high, self.law.limits[1])
 
     def nearest(self, values: Array) -> Array:
-        """Return admissible curvature parameters, as close as possible to these (n,)."""
+        """Return the admissible curvature parameters closest to these (n,)."""
         if self.shapes is None:
             return values
         _, basis = shape_basis(self.arclength, self.shapes)

@@ -1,4 +1,4 @@
-"""Recordings as a calibration fits them: at rest, with the tip as a target, thinned."""
+"""Recordings prepared for a calibration: at rest, with the tip as a target, thinned."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PreparedRecordings:
-    """Recordings to be fitted, and the arm with everything that they do not determine.
+    """Recordings to be fitted, and the arm with all parameters that are not fitted.
 
     frame: with the noise of the recordings, without covariance and domain. every: the recordings
-    with all frames, from which the noise is estimated. motion: frames that were left out because
-    the arm was moving; None if there were none.
+    with all frames, from which the noise is estimated. motion: frames excluded because the arm was
+    moving; None if there were none.
     """
 
     frame: Arm
@@ -46,7 +46,7 @@ def prepare(
     earlier: PosteriorState | None,
     settings: CalibrationSettings,
 ) -> PreparedRecordings:
-    """Check and thin the recordings, estimate their noise and find what they resolve."""
+    """Check and thin the recordings, and estimate their noise and resolution."""
     painted = frame.target_arclength.size
     frame, runs = with_tip_target(
         elongation.without_fitted(frame),

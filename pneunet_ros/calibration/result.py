@@ -1,4 +1,4 @@
-"""The result of a fit: the model, its uncertainty, and every recording compared with it."""
+"""The result of a fit: the model, its uncertainty, and its residuals in every recording."""
 
 from __future__ import annotations
 

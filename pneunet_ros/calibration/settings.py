@@ -22,7 +22,7 @@ class PreconditionSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SameArmSettings:
-    """Criteria for recordings of one arm: one unloaded shape per pressure."""
+    """Criteria for recordings of the same arm: one unloaded shape per pressure."""
 
     two_arms: float = tuning(
         0.03,
@@ -109,7 +109,7 @@ class NoiseEstimateSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolutionSettings:
-    """Resolution of recordings, and the prior for everything that they do not resolve."""
+    """Resolution of recordings, and the prior for unresolved parameters."""
 
     knots: int = tuning(11, 'most knots of kappa_p0 along the arm', source='sweep')
     resolved_gap: float = tuning(
@@ -165,7 +165,7 @@ class ExperimentSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HyperparameterSettings:
-    """The smoothness of kappa_p0 to choose from, by evidence."""
+    """Candidates for the smoothness of kappa_p0, selected by evidence."""
 
     length_scales: tuple[float, ...] = tuning(
         (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9),
@@ -249,7 +249,7 @@ FIXED: tuple[Any, ...] = (  # the same in every calibration
 class CalibrationSettings:
     """The settings of `calibrate` that can change.
 
-    declared: declared meaning of the pressure readings, to be judged; None: it is right.
+    declared: declared meaning of the pressure readings, to be judged; None: assumed to be right.
     """
 
     declared: PressureConvention | None = GAUGE_PASCALS

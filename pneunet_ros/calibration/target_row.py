@@ -1,4 +1,4 @@
-"""Place of the row of targets: offset from the neutral line, and spacing."""
+"""Position of the row of targets: offset from the neutral line, and spacing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TargetRow:
 
     @property
     def sentence(self) -> str:
-        """Describe the row to a person."""
+        """Describe the row for users."""
         offset, offset_std = (millimeters(value) for value in (self.offset, self.offset_std))
         text = f'Targets {offset:.3f} ± {offset_std:.3f} mm off the neutral line'
         if self.spacing_std == 0.0:

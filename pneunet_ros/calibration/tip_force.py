@@ -1,7 +1,7 @@
 """End force estimated from measured targets, with its standard deviation (result (b)).
 
-At known pressure, the estimated force is the one for which the model fits all targets of a frame,
-or only the last one. With the tip alone the estimate is ill-conditioned; `sigma` shows how much.
+At known pressure, the force is estimated by fitting the model to all targets of a frame, or only
+to the last one. With the tip alone, the estimate is ill-conditioned; `sigma` shows by how much.
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndFo
 def relaxation(step: Array, previous_step: Array, factors: Array) -> Array:
     """Return the relaxation factor of each step (frames, 2).
 
-    previous_step: the last full step, of which the shares `factors` were taken. If a model misses
-    the targets by much more than noise, full steps oscillate around the best force or diverge.
+    previous_step: the last full step, scaled by `factors` when it was applied. If the residuals of
+    a model are much larger than noise, full steps oscillate around the best force or diverge.
 
     Source: Irons and Tuck, Int. J. Numer. Methods Eng. 1 (1969).
     """

@@ -31,9 +31,9 @@ EARLY = 0.25  # s by which a film may be early: the prior of camera_delay, and a
 def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     """Raise RecordingError, with both names, if unloaded recordings show different arms.
 
-    length (m) of the arm. With hysteresis and creep an arm also differs from itself: the size of
-    this difference is measured where a recording returns to a pressure. Because of the tube, a
-    moving arm lags behind its sensor, so frames after a rest are compared if there are enough.
+    length (m) of the arm. Hysteresis and creep make an arm differ from itself: this difference is
+    measured where a recording returns to a pressure. Because of the tube, a moving arm lags behind
+    its sensor, so only frames after a rest are compared if there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     self_distances = [tip_distance(run, run, top) for run in unloaded]
@@ -55,8 +55,8 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
 def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float | None:
     """Return the distance (m) of the last target at equal pressures; None if there are none.
 
-    It is relative to the first target, so that the position of the camera does not matter. If a
-    run is compared with itself, only frames at different times count. top: the largest pressure
+    Positions are relative to the first target, so that the camera position does not matter. If a
+    run is compared with itself, only frames at different times are used. top: the largest pressure
     (Pa).
     """
     first, second = chord(one), chord(other)
@@ -77,10 +77,10 @@ def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float 
 
 
 def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
-    """Return the frames (frames,) that follow a long enough rest of the pressure.
+    """Return the frames (frames,) after a sufficiently long rest of the pressure.
 
-    The pressure must also rest for a while after them, because film stamps may be early, so that
-    frames show a later time. top: the largest pressure (Pa).
+    The pressure must also rest for a while after these frames, because film stamps may be early.
+    top: the largest pressure (Pa).
     """
     if run.static:
         return np.ones(len(run.stamp_ns), np.bool_)
@@ -100,14 +100,14 @@ def has_rested(run: RecordingData, top: float) -> npt.NDArray[np.bool_]:
 
 
 def chord(run: RecordingData) -> Array:
-    """Return the vector from the first to the last target that is ever seen, (2, frames) m."""
+    """Return the vector from the first to the last target among those ever seen, (2, frames) m."""
     ever = np.flatnonzero(run.seen.any(axis=0))
     first, last = ever[0], ever[-1]
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
 
 
 def describe_misfit(fit: Fit) -> list[Note]:
-    """Return a sentence if the model misses the targets by much more than noise can explain."""
+    """Return a sentence if the misfit is much larger than noise can explain."""
     chi_squared = fit.chi_squared / max(fit.dof, 1)
     if chi_squared < CONSISTENCY.misfit:
         return []
@@ -164,7 +164,7 @@ def misfit_of_few(fit: Fit) -> Note | None:
 
 
 def describe_pressure_noise(pressure_std: float, span: float) -> list[Note]:
-    """Return a sentence if the noise of the pressure (Pa) is so large that it biases the errors.
+    """Return a sentence if the pressure noise (Pa) is large enough to bias the errors.
 
     span (Pa) of the pressures. Quantities proportional to pressure are underestimated on average:
     errors in variables.
@@ -184,7 +184,7 @@ def describe_pressure_noise(pressure_std: float, span: float) -> list[Note]:
 def outlier_recordings(fit: Fit) -> list[Note]:
     """Return a note on each recording with a much larger misfit than the others.
 
-    A few frames of each recording, those with the worst fit, do not count.
+    The few worst frames of each recording are ignored.
     """
     chi = np.array([typical_chi_squared(item) for item in fit.runs])
     notes = []

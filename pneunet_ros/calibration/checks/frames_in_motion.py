@@ -1,10 +1,10 @@
 """Detect frames in which the arm swings, from targets alone, without a model of the arm.
 
-After a quick change an arm swings: its targets follow a damped vibration about a line in time. If
-this vibration fits the frames better than a smooth motion with equally many parameters, and better
-than an undamped vibration, its frequency and decay are used: the deviation and velocity in every
-frame then give the amplitude about equilibrium, as in `measurement.moving_arm.is_settled`, but
-without a model.
+After a quick change, the targets of an arm follow a damped vibration about a straight line in
+time. The vibration is accepted if it fits the frames better than a smooth motion with as many
+parameters and better than an undamped vibration. With its frequency and decay, deviation and
+velocity in every frame give the amplitude about equilibrium, as in
+`measurement.moving_arm.is_settled`, but without a model.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 o
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vibration:
-    """Frequency (rad/s) and decay rate (1/s) of a vibration, as observed."""
+    """Observed frequency (rad/s) and decay rate (1/s) of a vibration."""
 
     frequency: float
     rate: float
@@ -72,8 +72,9 @@ class Vibration:
 class FramesInMotion:
     """Frames that show the arm in motion, and its vibration.
 
-    moving, unchecked: one mask (frames,) per recording; unchecked frames may show it too. lost:
-    recordings of which nothing was left; idle: number of their frames from before their load.
+    moving, unchecked: one mask (frames,) per recording; unchecked frames may be in motion too.
+    lost: recordings without any usable frame; idle: number of their frames before the load was
+    applied.
     """
 
     moving: tuple[Flags, ...]
@@ -109,7 +110,7 @@ class FramesInMotion:
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
+        """The result as a sentence."""
         return f'{self.seen}{self.untested}'
 
     @property
@@ -168,8 +169,8 @@ class TargetMotion:
     def windows(self, seconds: float, longest: float) -> tuple[Indices, Indices]:
         """Return the first frame and the number of frames of every window, (windows,) each.
 
-        A window lasts for `seconds`, or up to `longest` (s) if it needs that for FEWEST frames.
-        Frames may be missing in it, but not at its end.
+        A window lasts `seconds`, or up to `longest` (s) if needed to contain FEWEST frames. Frames
+        may be missing inside a window but not at its end.
         """
         first = np.arange(max(self.time.size - FEWEST + 1, 0))
         span = (round(seconds / self.period) + 0.5) * self.period
@@ -182,12 +183,12 @@ class TargetMotion:
 
 
 def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion | None:
-    """Return the frames that show an arm in motion; None if no recording shows it swing.
+    """Return the frames that show an arm in motion; None if no recording shows a swing.
 
-    Each recording is tested alone; one that does not show it swing is checked by the vibration of
-    those that do. The noise of targets is estimated from all, as in a calibration. Skips
-    recordings without usable stamps. Of the arm, its length bounds the period of a soft arm from
-    above and the noise from below.
+    Each recording is tested alone; recordings without a swing of their own are checked with the
+    vibration found in the others. The noise of targets is estimated from all recordings, as in a
+    calibration. Recordings without usable stamps are skipped. The length of the arm gives an upper
+    bound of the period of a soft arm and a lower bound of the noise.
     """
     slowest = slowest_period(arm.length)
     courses = [motion_of(run) for run in runs]
@@ -225,8 +226,9 @@ def without_motion(
 ) -> tuple[list[list[RecordingData]], FramesInMotion | None]:
     """Return recordings without the frames that show the arm in motion, and these frames.
 
-    A recording in which the arm never rests is left out, and a loaded one in which it rests only
-    without its load. The arm remembers their pressures: these go to the next recording.
+    A recording in which the arm never rests is dropped, as is a loaded one in which the arm rests
+    only without its load. Their pressures are prepended to the next recording, because the arm has
+    a memory of them.
     """
     runs = list(itertools.chain(*groups))
     found = frames_in_motion(runs, arm)
@@ -254,7 +256,7 @@ def without_motion(
 def with_earlier_pressures(
     runs: Sequence[RecordingData], kept: Sequence[RecordingData | None]
 ) -> list[RecordingData | None]:
-    """Return what is kept of runs, with the pressures of those left out (None) just before."""
+    """Prepend the pressures of dropped runs (None) to the next run that is kept."""
     found, lost = [*kept], list[RecordingData]()
     for which, goes_on in in_time(runs):
         part, lost = kept[which], lost if goes_on else []
@@ -351,7 +353,8 @@ def vibration_of(
 ) -> Vibration | None:
     """Return the vibration of the courses; None if smooth motions explain them equally well.
 
-    slowest (s): the longest period of a swing; chance: that noise alone is taken for a vibration.
+    slowest (s): the longest period of a swing; chance: probability of mistaking noise for a
+    vibration.
     """
     shortest = (FEWEST - 1) * min(course.period for course in courses)
     longest = min(0.5 * max(float(course.time[-1]) for course in courses), PERIODS * slowest)
@@ -446,10 +449,9 @@ def by_count(first: Indices, count: Indices) -> Iterator[Indices]:
 
 
 def gains_of(windows: Sequence[Windows], vibrations: Sequence[Vibration]) -> list[float]:
-    """Return the advantage of each vibration over all other explanations of the windows.
+    """Return the log likelihood gain of each vibration over all other explanations of the windows.
 
-    vibrations: all of one frequency. The advantage is in log likelihood, each window with its own
-    noise.
+    vibrations: all of one frequency. Each window has its own noise.
     """
     driven = replace(vibrations[0], rate=0.0)  # an undamped vibration is driven
     gains = np.zeros((len(vibrations), 1))
@@ -488,9 +490,9 @@ def residual_of(columns: Array, values: Array) -> Array:
 def at_rest(course: TargetMotion, vibration: Vibration, noise: float) -> tuple[Flags, Flags]:
     """Return the frames (n,) of an arm that stays in equilibrium, and the frames checked.
 
-    One window of a period, before, around or after a frame, must show this: its vibration is small
-    relative to the noise (m) of a target, the rest is noise, and pressure and load have not just
-    begun to change. A frame without such a window is not checked.
+    A frame is at rest if, in one window of a period before, around or after it, the vibration is
+    small relative to the noise (m) of a target, the remainder is noise, and pressure and load have
+    not just begun to change. A frame without any window is not checked.
     """
     rest = np.zeros(course.time.size, np.bool_)
     checked, allowed = rest.copy(), (WITHIN_95 * noise) ** 2

@@ -21,9 +21,9 @@ class Score:
 
     Predictions are at the painted positions.
 
-    rms (m) is per coordinate; p95 (m) of the distance; error (frames, 2, targets) m, NaN where not
-    seen or without equilibrium; rms and p95 are NaN if nothing is left; missing is the share of
-    frames without equilibrium.
+    rms (m) per coordinate; p95 (m): 95th percentile of the distance; error (frames, 2, targets) m,
+    NaN where not seen or without equilibrium; rms and p95 are NaN if no frame can be used;
+    missing: fraction of frames without equilibrium.
     """
 
     name: str
@@ -38,9 +38,9 @@ def score(
 ) -> Score:
     """Predict a run from its readings and compare.
 
-    inputs: those of the run, if its history continues earlier runs; None: computed from the run
-    alone. placement (2, targets) m of the targets along and across the arm; None: estimated with
-    the covariance of the arm.
+    inputs: of the run, if its history continues earlier runs; None: computed from the run alone.
+    placement (2, targets) m of the targets along and across the arm; None: estimated with the
+    covariance of the arm.
     """
     model = ForwardModel(arm.target_arclength, run.points)
     inputs = inputs_of(arm, [run])[0] if inputs is None else inputs

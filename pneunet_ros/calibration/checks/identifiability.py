@@ -1,4 +1,4 @@
-"""Notes on parameters that the data do not determine: kept at the prior, or correlated."""
+"""Notes on parameters that the data do not identify: unchanged from the prior, or correlated."""
 
 from __future__ import annotations
 

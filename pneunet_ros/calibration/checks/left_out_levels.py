@@ -1,8 +1,8 @@
-"""Cross-validation of a calibration with few numbers: fits without some pressures.
+"""Cross-validation of a calibration with few parameters, by leaving out pressures.
 
-Two baselines without a rod model make the same predictions: an arc of the length of the arm whose
-curvature is interpolated over the pressure, and plain interpolation of the tip. A note says so if
-a baseline predicts as well as the model.
+Two baselines without a rod model predict the same points: an arc of the length of the arm whose
+curvature is interpolated over the pressure, and plain interpolation of the tip. A note is given if
+a baseline predicts at least as well as the model.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def leave_levels_out(
 ) -> LeftOutLevels | None:
     """Refit without each inner part of the pressures, and predict that part.
 
-    runs: unloaded; full: the fit to all of them; refit: fits other runs. None if there are too few
+    runs: unloaded; full: the fit to all runs; refit: fits other runs. None if there are too few
     pressures, or if the tip is not seen.
     """
     share = max(FRAMES // len(runs), 1)
@@ -206,7 +206,7 @@ def arc_tip(arm: Arm, curvature: Array) -> Places:
 def tip_of(fit: Fit, pressure: Array) -> tuple[Places, Array]:
     """Return the position of the last target, x + i y (m), and the heading there (rad).
 
-    The arm is unloaded. Without an equilibrium the position is NaN, but not the heading. Target
+    The arm is unloaded. Without an equilibrium, the position is NaN but the heading is not. Target
     placement and camera position are those of the fit.
     """
     model = ForwardModel(fit.arm.target_arclength[[0, -1]])

@@ -1,7 +1,7 @@
-"""Fits without one loaded recording each, compared with the fit to all (jackknife).
+"""Jackknife: fits that leave out one loaded recording each, compared with the fit to all.
 
 Leaving out a recording should change the fit by as much as the recording reduces the covariance. A
-model error, or a wrongly stated load, changes it by more. This excess is added to the covariance.
+model error or a wrongly stated load causes a larger change; the excess is added to the covariance.
 
 Source: Efron and Stein, Ann. Statist. 9 (1981).
 """

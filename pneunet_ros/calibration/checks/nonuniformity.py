@@ -1,12 +1,13 @@
-"""Adds uneven bending between targets to the covariance of a fit.
+"""Uneven bending between targets, added to the covariance of a fit.
 
-A constant curvature between the clamp and the tip, or a curve through a few numbers, is only an
-estimate. The departure from such a curve is not fitted but considered: a departure d with a known
-prior S changes the fit by C I d, where C is the covariance of the fit and I the information of the
-data, so that the error is E d with E = C I - 1, and the total covariance C + E S E^T (Schmidt's
-consider covariance: S. F. Schmidt, Advances in Control Systems 3, 1966). Quantities determined by
-the targets keep their accuracy. If the fit is wrong by E d, the painted positions of the targets,
-estimated from the same images, are wrong by G E d, with G the gain of the posterior from them.
+A constant curvature between clamp and tip, or a curve through a few numbers, is only an
+approximation. The departure from such a curve is not fitted but considered: a departure d with a
+known prior S changes the fit by C I d, where C is the covariance of the fit and I the information
+of the data, so that the error is E d with E = C I - 1, and the total covariance C + E S E^T
+(Schmidt's consider covariance: S. F. Schmidt, Advances in Control Systems 3, 1966). Quantities
+determined by the targets keep their accuracy. An error E d of the fit implies an error G E d of
+the painted target positions, which are estimated from the same images, with G the gain of their
+posterior.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ def consider_nonuniformity(
     """Return the fit with the covariance of nonuniform curvature between targets.
 
     shown: the number of values along the arm that the targets resolve; if the curve has fewer
-    values, the targets show how evenly the arm bends. If the model misses the targets by much more
-    than noise, the uncertainty of the fit is scaled by the same factor (as by the Particle Data
-    Group), because few targets cannot show where.
+    values, the targets show how evenly the arm bends. If the residuals are much larger than noise,
+    the uncertainty of the fit is scaled by the same factor (as by the Particle Data Group),
+    because few targets cannot locate the error.
     """
     parameters = fit.parameters
     if parameters.shapes is None:
@@ -65,8 +66,8 @@ def known_departure(prior: Array, information: Array, covariance: Array, missed:
     """Return posterior over prior mean square of departures from the curve, (cells, cells).
 
     information (n, n) of the data, covariance (n, n) of the fit: the fit absorbs a part of a
-    departure, so the information that remains is I - I C I. missed (n,): linear term of the data
-    that remains after the fit; the departure is not a parameter of the fit but an error in it.
+    departure, so the remaining information is I - I C I. missed (n,): remaining linear term of the
+    data after the fit. The departure is an error of the fit, not one of its parameters.
     """
     cells = len(prior)
     conditional = (information - information @ covariance @ information)[:cells, :cells]

@@ -1,4 +1,4 @@
-"""Preconditions of a calibration; each message says how to meet the one that fails."""
+"""Preconditions of a calibration, with messages that say how to meet them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def check_runs(
 ) -> None:
     """Raise RequestError or RecordingError if the recordings cannot give a calibration.
 
-    first: whether nothing is known about the arm yet.
+    first: whether this is the first calibration of the arm.
     """
     runs = [*unloaded, *loaded]
     constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
@@ -136,7 +136,7 @@ def check_loads(run: RecordingData, arm: Arm) -> None:
 
 
 def check_bending(runs: Sequence[RecordingData], arm: Arm) -> None:
-    """Raise RecordingError if the targets stay in one place under all loads."""
+    """Raise RecordingError if the targets do not move under any load."""
     if motion(runs, arm.reach) < SMALLEST_MOTION * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they cannot determine the moment '
@@ -164,7 +164,7 @@ def check_pressures(
 ) -> None:
     """Raise RecordingError if the unloaded recordings do not vary the pressure.
 
-    constant: whether it never changes, under load either.
+    constant: whether the pressure never changes, not even in loaded recordings.
     """
     declared, tolerance = settings.declared, same_pressure(arm, settings.resolution)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
@@ -205,8 +205,9 @@ def check_meaning(
 ) -> None:
     """Raise RecordingError if the pressures of recordings almost surely have another unit.
 
-    At the start of a calibration, the range of `arm` is a guess, so the readings may be from any
-    soft actuator. declared: their declared meaning; moves: whether the arm bends.
+    At the start of a calibration, the pressure range of `arm` is a guess, so the readings may be
+    from any soft actuator. declared: declared meaning of the readings; moves: whether the arm
+    bends.
     """
     every = [[declared.reading(one) for one in run.frame_pressure.tolist()] for run in runs]
     readings = [one for of_run in every for one in of_run]
@@ -258,7 +259,7 @@ def check_targets(run: RecordingData, arm: Arm) -> None:
 
 
 def check_units(run: RecordingData, arm: Arm) -> None:
-    """Raise RecordingError if lengths or forces are implausible for any arm: a wrong unit."""
+    """Raise RecordingError if lengths or forces are implausible for any arm (wrong unit)."""
     highest = float(np.max(np.abs(run.frame_pressure)))
     if highest > LARGEST_PRESSURE:
         raise RecordingError(
@@ -353,8 +354,8 @@ def describe_clamp(runs: Sequence[RecordingData], arm: Arm) -> tuple[Note, ...]:
 def motion(runs: Sequence[RecordingData], reach: float) -> float:
     """Return the travel (m) of the last target ever seen, over all recordings.
 
-    reach (m) of the arm. If only the heading of the tip is known, the travel is half the length of
-    its arc.
+    reach (m) of the arm. If only the heading of the tip is known, the travel is half the arc
+    length.
     """
     if not any(run.seen.any() for run in runs):
         turns = np.concatenate([run.heading for run in runs if run.heading is not None])

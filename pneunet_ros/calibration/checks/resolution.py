@@ -17,12 +17,12 @@ from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resolution:
-    """How finely recordings resolve an arm.
+    """Resolution of an arm by recordings.
 
     shapes: numbers of kappa_p0 along the arm, at most one per knot. pressures: number of distinct
     pressures, loaded or not. constant_pressure: whether there is only one, so that the model is
-    not valid at others. law: the kind of moment law whose constants the loaded frames determine.
-    notes: these findings as sentences; law_notes: those on the law, if none was requested.
+    not valid at others. law: the kind of moment law that the loaded frames determine. notes: these
+    results as sentences; law_notes: sentences on the law, if none was requested.
     """
 
     shapes: int
@@ -84,7 +84,7 @@ def resolve(
 def describe_shapes(
     shapes: int, targets: Sequence[float], with_heading: bool, settings: ResolutionSettings
 ) -> list[Note]:
-    """Describe how few numbers along the arm the targets (m) determine; empty if all."""
+    """Describe a limited number of curvature values, given targets (m); empty if not limited."""
     seen = count_of(targets, 'target')
     if shapes == 1:
         shown = f'{seen}, {places(targets)}' if targets else 'one heading'
@@ -109,7 +109,7 @@ def describe_shapes(
 def describe_pressures(
     pressure: float, pressures: int, constant: bool, settings: ResolutionSettings
 ) -> list[Note]:
-    """Describe how few pressures were recorded; empty if enough. pressure (Pa): the median."""
+    """Describe a small number of pressures; empty if enough. pressure (Pa): the median."""
     if constant:
         return [
             Note(

@@ -5,9 +5,9 @@ first order this equals a change of the intrinsic curvature. The Jacobian of the
 therefore also gives the effect of a variation of ln EI (a few Legendre polynomials along the arm)
 on the targets. The score is that of the linearized fit, with all parameters refitted.
 
-Chi squared over all coordinates is not sensitive to this: a variation that moves the tip out of
-its confidence ellipse may be smaller than the noise of a single target, and change chi squared by
-only two percent.
+Chi squared over all coordinates is insensitive to a variation of stiffness: a variation that moves
+the tip out of its confidence ellipse may move each target by less than its noise, and change chi
+squared by only two percent.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOST_ERROR = 0.5  # sigma of ln EI by which a law is widened, at most
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipErrors:
-    """How far a variation of stiffness moves the last target under load, and its stated error.
+    """Displacement of the last target under load by a variation of stiffness, and its error.
 
     shift (frames, 2) m, with all parameters refitted; jacobian (frames, 2, parameters); covariance
     (frames, 2, 2) m^2 of the model; readings (frames, 2, 2) m^2, the covariance due to their
@@ -146,7 +146,7 @@ def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
 def tip_errors(
     fit: Fit, runs: list[RunLinearization], coefficients: Array, refitted: Array
 ) -> TipErrors:
-    """Return how far a variation of ln EI moves the last target, with the parameters refitted."""
+    """Return the displacement of the last target by a variation of ln EI, parameters refitted."""
     size, last = fit.values.size, fit.arm.target_arclength.size - 1
     parts: tuple[list[Array], ...] = ([], [], [], [])
     for run in runs:
@@ -170,10 +170,10 @@ def tip_errors(
 def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
     """Return error columns (parameters, errors) that cover the tip error of a varying stiffness.
 
-    No parameter of the law can describe such an arm. Therefore the stiffness of each section gets
-    its own error, large enough that the tips of the loaded frames lie in their ellipses, and
-    balanced so that the sections together move the tip equally in all possible directions. There
-    are no columns if the variation does not matter.
+    No parameter of the law can describe such an arm. The stiffness of each section therefore gets
+    an independent error, large enough for the tips of the loaded frames to lie in their ellipses,
+    and balanced so that the sections together move the tip equally in all possible directions.
+    There are no columns if the effect of the variation is negligible.
     """
     if variation is None or not variation.matters:
         return np.zeros((fit.values.size, 0))

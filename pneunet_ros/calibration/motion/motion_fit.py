@@ -38,11 +38,11 @@ class MotionFit:
     """Fitted mass and damping, with standard errors.
 
     tip_mass kg, damping_time s; hertz and decay_time (s) of the slowest vibration of the unloaded
-    arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets from the arm in
-    equilibrium and in motion. in_motion: number of frames in which motion moves the tip by more
-    than 1.96 standard deviations of a target. shares (arms,): fitted steps towards the perturbed
-    arms. objection: why the moving arm does not explain the recordings; empty if it does. The
-    standard errors include those of the static arm, unlike `mass_error` and `damping_error`.
+    arm at mid-range pressure. still_rms, moving_rms (m): residuals of targets with the arm in
+    equilibrium and in motion. in_motion: number of frames in which motion displaces the tip by
+    more than 1.96 standard deviations of a target. shares (arms,): fitted steps towards the
+    perturbed arms. objection: why a moving arm does not explain the recordings; empty if it does.
+    The standard errors include those of the static arm, unlike `mass_error` and `damping_error`.
     """
 
     motion: Motion
@@ -59,7 +59,7 @@ class MotionFit:
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
+        """The result as a sentence."""
         return (
             f'{self.in_motion} of {self.frames} frames show the arm in motion ({self.hertz:.2g} '
             f'Hz, decays in {self.decay_time:.2g} s): tip_mass {1e3 * self.motion.tip_mass:.2g} '
@@ -71,7 +71,7 @@ class MotionFit:
 
     @property
     def described(self) -> str:
-        """The finding in words, and what speaks against it."""
+        """The result as a sentence, with the objection to it, if any."""
         return f'{self.sentence}; but {self.objection}' if self.objection else self.sentence
 
     def applied_to(self, arm: Arm) -> Arm:
@@ -99,15 +99,14 @@ def fit_motion(
         start_motion: start of the search; None: scan a grid.
         perturbed_arms: arms that differ from this one by one error each, by `DIFFERENCE_STEP` of a
             standard deviation; the sizes of these errors are fitted too.
-        trusted_error: relative error of the mass up to which a swing that suggests a lighter arm
-            is overruled by the model file.
+        trusted_error: relative error of the mass below which the model file overrules a
+            swing that suggests a lighter arm.
 
     Returns:
         Mass and damping with standard errors.
 
     Raises:
-        RequestError: the arm hardly swings in the recordings, or no mass at the tip explains its
-            motion.
+        RequestError: the arm hardly swings in the recordings, or no tip mass explains its motion.
     """
     runs = thinned(runs, EXPERIMENTS.most_frames)
     problem = motion_problem(arm, runs)
@@ -168,7 +167,7 @@ def search_released(
     start: Array,
     perturbed_arms: Sequence[Arm],
 ) -> tuple[MotionProblem, Any]:
-    """Fit the parameters, again after frames in which the arm was held are left out.
+    """Fit the parameters, drop the frames in which the arm was held, and fit again.
 
     Returns the recordings without these frames, and the fit of `MotionProblem.search`.
     """
@@ -207,10 +206,10 @@ def check_tip_mass(
 
 
 def static_shifts(problem: MotionProblem, runs: Sequence[RecordingData], fitted: Any) -> Array:
-    """Return the changes of the fitted parameters by one sigma of each error of the static arm.
+    """Return the changes of the fitted parameters per sigma of each error of the static arm.
 
-    (columns, parameters), a row of zeros without a covariance: a stiffer arm swings as a lighter
-    one does.
+    (columns, parameters), a row of zeros without a covariance. A stiffer arm swings like a lighter
+    one.
     """
     arm = problem.arm
     if arm.covariance is None:
@@ -232,7 +231,7 @@ def objection_to(
     deviations: Sequence[Array],
     at_rest: Sequence[Flags],
 ) -> str:
-    """Return why the moving arm does not explain its swings; empty if it does.
+    """Return why a moving arm does not explain the swings; empty if it does.
 
     As in a diagnosis, noise and the law error of inertia are allowed. The noise is that of frames
     at rest, if there are any.
@@ -278,7 +277,7 @@ def predicted_motion(
 
 
 def without_swing(arm: Arm, motion: Motion, runs: Sequence[RecordingData]) -> list[RecordingData]:
-    """Return recordings minus the swing about equilibrium of an arm of this mass and damping.
+    """Subtract the swing of an arm with this mass and damping from recordings.
 
     Recordings of a plucked arm are unchanged.
     """

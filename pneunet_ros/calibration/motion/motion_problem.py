@@ -1,7 +1,7 @@
 """Mass and damping as unknowns of recordings of an oscillating arm.
 
 The statics of the arm are known; each recording is simulated reading by reading, and the measured
-motion about equilibrium is compared with that of the chain.
+motion about equilibrium is compared with that of the link chain.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ class MotionProblem:
 
     The parameters: mass at the tip, in units of the arm's effective mass there, negative if the
     arm itself is lighter; log of the damping time (s); then q and p at the start of each plucked
-    recording. std (m): white noise of a target. nuisance (rows, unknowns): columns of residuals
-    by other uncertainties, one sigma each; covariance (unknowns, unknowns): the inverse of their
-    information.
+    recording. std (m): white noise of a target. nuisance (rows, unknowns): change of the residuals
+    by one sigma of each other uncertainty; covariance (unknowns, unknowns): inverse of the
+    information on the nuisance unknowns.
     """
 
     arm: Arm
@@ -70,7 +70,7 @@ class MotionProblem:
 
     @property
     def diverged_position(self) -> float:
-        """Position (m) of a chain whose simulation diverged: farther away than any arm can be."""
+        """Position (m) of a chain whose simulation diverged, farther away than any arm reaches."""
         return 2.0 * self.arm.length
 
     @property
@@ -83,7 +83,7 @@ class MotionProblem:
         return self.effective_mass * float(parameters[0]), math.exp(float(parameters[1]))
 
     def masses(self, mass: float) -> Masses:
-        """Return the masses with this mass at the tip; a negative one lightens the whole arm."""
+        """Return the masses for this tip mass; a negative value lightens the whole arm."""
         own = masses_of(self.arm)
         if mass >= 0.0:
             return own._replace(tip=self.effective_mass * mass)
@@ -142,7 +142,7 @@ class MotionProblem:
         ]
 
     def residual_vector(self, parameters: Array) -> Array:
-        """Return all residuals as one vector, in units of the noise, then the nuisance ones."""
+        """Return all residuals as one vector in units of the noise, then the nuisance unknowns."""
         return np.concatenate(
             self.without_nuisance(self.whitened(self.residuals(self.simulate(parameters)[0])))
         )
@@ -175,8 +175,8 @@ class MotionProblem:
     ) -> MotionProblem:
         """Return the problem with all nuisance unknowns, at these parameters.
 
-        These are an unknown step towards each of these arms, then the positions of targets and
-        camera: on a slow ramp, errors of both look like damping.
+        The nuisance unknowns are a step towards each of these arms, then the positions of targets
+        and camera, because on a slow ramp errors of both resemble damping.
         """
         columns = np.column_stack(
             [*self.error_columns(arms, runs, parameters), self.disturbance_columns(runs)]
@@ -255,8 +255,8 @@ class MotionProblem:
         """Remove the frames in which plucked arms were still held; None if there are none.
 
         residuals: per run; mass: at the tip. If the arm was released after the last large swing,
-        some frames within the first period fit no free swing: their residuals are larger than
-        later ones.
+        some frames within the first period do not fit a free swing, and their residuals are larger
+        than later ones.
         """
         period = self.period(mass) * NANOSECONDS_PER_SECOND
         runs = list(self.runs)
@@ -297,7 +297,7 @@ class MotionProblem:
         return parameters
 
     def shortened(self, most: int) -> MotionProblem:
-        """Return the problem with this many readings of each run, from its first swing on."""
+        """Return the problem with this many readings of each run, starting at its first swing."""
         runs = []
         for run in self.runs:
             first = max(min(self.before_swing(run), len(run.stamp_ns) - most), 0)

@@ -1,6 +1,6 @@
 """A recording of an oscillating arm, with the equilibrium at each of its readings.
 
-At constant pressure the arm was plucked: such a recording starts at the release.
+At constant pressure, the arm was plucked, and the recording starts at its release.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class SwingingRun:
         )
 
     def beginning_with(self, other: SwingingRun) -> SwingingRun:
-        """Return the recording from the first frame of another on; the other if it has none."""
+        """Return the recording from the first frame of another recording on."""
         begin = other.stamp_ns[other.reading[0]]
         frame = int(np.searchsorted(self.stamp_ns[self.reading], begin))
         if len(self.reading) - frame != len(other.reading):
@@ -76,8 +76,7 @@ class SwingingRun:
     def centered(self, values: Array) -> Array:
         """Subtract from each coordinate of (frames, 2, targets, ...) its mean; NaN if never seen.
 
-        The camera position is not motion, and at the release the state of the arm is not yet
-        known.
+        The camera position is not motion, and the state at the release is not known yet.
         """
         left_out = ~np.isfinite(self.points)
         left_out[self.plucked * (self.reading == 0)] = True
