@@ -1,1 +1,1 @@
-"""Where model and recordings disagree, and which effect is missing."""
+"""Diagnosis of a model: location of the misfit, and the missing effect."""

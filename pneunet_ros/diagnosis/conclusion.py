@@ -1,4 +1,4 @@
-"""The conclusion: models before and after on the recordings, and the result put together."""
+"""The conclusion: evaluation of the models before and after, and assembly of the result."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def conclude(
     detectable: Mapping[str, Detectable],
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
 ) -> Diagnosis:
-    """Evaluate the models before and after on the recordings, and put the result together.
+    """Evaluate the models before and after on the recordings, and assemble the result.
 
-    A name is withdrawn if its model is surely worse on held-out recordings.
+    A name is withdrawn if its model is significantly worse on held-out recordings.
     """
     added = verdict.trial is not first
     runs, noise = selection.linearization.runs, selection.linearization.noise
@@ -161,7 +161,7 @@ def evaluate(
 def wanted_candidates(
     verdict: Verdict, candidates: Sequence[Candidate], detectable: Mapping[str, Detectable]
 ) -> list[Candidate]:
-    """Return the effects that the next recording should show: rivals, or unseen ones."""
+    """Return the effects that the next recording should test: rivals, or unobservable ones."""
     if verdict.alternatives:
         names = (*verdict.trial.names, *verdict.alternatives)
         return [item for item in candidates if item.name in names]
@@ -202,6 +202,6 @@ def collect_evidence(
 def alike_effects(
     names: tuple[str, ...], same_class: Sequence[tuple[str, str]]
 ) -> tuple[str, ...]:
-    """Return the other effects that differ from these only in size."""
+    """Return the effects that cannot be distinguished from these except by size."""
     pairs = [pair for pair in same_class if set(pair) & set(names)]
     return tuple(sorted({name for pair in pairs for name in pair} - set(names)))

@@ -1,8 +1,8 @@
-"""Requirements for a name besides the tests: held-out recordings, priors, stability.
+"""Further requirements for a name: held-out recordings, priors, stability.
 
-A set of effects that leaves residuals consistent with noise may still be the wrong one. It keeps
-its name only if it predicts held-out recordings better, if every parameter lies within its prior,
-and if no other set becomes the answer when a training recording is left out.
+A set of effects whose residuals are consistent with noise may still be wrong. The set is named
+only if it predicts held-out recordings better, if every parameter lies within its prior, and if no
+other set becomes the answer when a training recording is left out.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Confirmer:
         )
 
     def objections(self, record: Record, alternatives: Collection[str] = ()) -> tuple[str, ...]:
-        """Return the objections to a name for a set of effects; alternatives: others."""
+        """Return the objections to a name for a set of effects; alternatives: other sets."""
         return (
             *self.refutations(record),
             *self.other_names(record, alternatives),
@@ -75,7 +75,8 @@ class Confirmer:
     def refutations(self, record: Record) -> tuple[str, ...]:
         """Return the objections to a set of effects, regardless of other sets.
 
-        A set is not refuted by another explanation that fits as well: it remains an alternative.
+        An explanation that fits equally well does not refute a set; the set remains an
+        alternative.
         """
         return (
             *self.what_is_left(record),
@@ -118,7 +119,7 @@ class Confirmer:
     def held_out_objections(self, record: Record) -> tuple[Note, ...]:
         """Object if the error on held-out recordings does not fall significantly.
 
-        It compares chi squared of their residuals with the training fit, and conditional on the
+        Tests chi squared of the residuals of the training fit, and chi squared conditional on the
         training data.
         """
         if not self.has_held_out:
@@ -137,7 +138,7 @@ class Confirmer:
         )
 
     def held_out_untested(self) -> tuple[Note, ...]:
-        """Report that no new recording tests a name."""
+        """Report that no held-out recording tests a name."""
         if self.has_held_out:
             return ()
         return (
@@ -180,7 +181,7 @@ class Confirmer:
     def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[Note, ...]:
         """Object if another set wins when one training recording is left out.
 
-        It uses the linearized fit of each set to all recordings, with one removed.
+        Uses the linearized fit of each set to all recordings but one.
         """
         margin = evidence_margin(record.evidence)
         allowed = {*record.names, *alternatives}
@@ -229,9 +230,10 @@ class Confirmer:
 def error_rises(before: Sequence[Score], after: Sequence[Score]) -> str:
     """Return a sentence if the error on held-out recordings rises significantly.
 
-    A softer arm lets the noise of readings explain more: chi squared falls although the model is
-    useless. Errors of frames near in time are correlated, so the test uses batches of frames, and
-    the ratio in each batch because a few frames may be far more sensitive than the others.
+    With a softer arm, the noise of readings explains more, so that chi squared may fall although
+    the model is useless. Errors of frames near in time are correlated, so the test uses batches of
+    frames, and the ratio in each batch, because a few frames may be far more sensitive than the
+    others.
     """
     change, squares = list[float](), list[Array]()
     for without, with_it in zip(before, after, strict=True):

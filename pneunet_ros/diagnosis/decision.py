@@ -1,4 +1,4 @@
-"""The decision: which answer the base model, the best set of effects, and all trials give."""
+"""The decision: the answer from the base model, the best set of effects, and all trials."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def decide(
 def passes_alike(rival: Record, best: Record) -> bool:
     """Whether an adequate rival without more effects explains the recordings as well.
 
-    The comparison is by evidence or by chi squared alone; in the latter case only the prior
-    separates the two.
+    The comparison is by evidence, or by chi squared alone; in the latter case, only the prior
+    distinguishes the two.
     """
     if len(rival.names) > len(best.names):
         return False
@@ -82,7 +82,8 @@ def effect_probabilities(records: Sequence[Record], *, confirmed: bool = True) -
     """Return the probability that each effect is missing, over all candidate sets.
 
     Evidence is weighted by the accuracy of the laws, as for the answer. No probability exceeds the
-    success rate of names in blind trials; confirmed: every requirement for the name was tested.
+    success rate of names in blind trials; confirmed: whether every requirement for the name was
+    tested.
     """
     logs = np.array([item.evidence for item in comparable(records)])
     margin = evidence_margin(float(logs.max()))
@@ -113,7 +114,7 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
 
 
 def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
-    """Describe other possibly missing effects, too faint next to a strong effect to be named."""
+    """Describe further effects that may be missing, but are too weak next to a strong one."""
     item = selection.significant_candidate(best)
     if item is None:
         return ()

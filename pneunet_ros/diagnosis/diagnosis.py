@@ -45,10 +45,10 @@ def diagnose(
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis | UnsettledDiagnosis:
-    """Diagnose a model with recordings: find its missing effects, or the detection limits.
+    """Diagnose a model with recordings: find missing effects, or detection limits.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
-    ones are used for scores and tests only. See docs/diagnosis.md.
+    recordings are used for scores and tests only. See docs/diagnosis.md.
 
     Args:
         model: the arm, with the effects that are already known.
@@ -59,7 +59,7 @@ def diagnose(
         seed: of the simulated clean data behind the thresholds.
         executor: runs the simulations; None: this process.
         on_progress: called with the task, its progress, and its total (0 = unknown).
-        settings: those that can change; see `DiagnosisSettings`.
+        settings: see `DiagnosisSettings`.
 
     Returns:
         The answer, with the model before and after, all numbers in SI; without numbers if the fit
@@ -182,7 +182,7 @@ def limits_of(
 
 
 def is_settled(fit: Refit) -> bool:
-    """Whether a further step would gain almost nothing, absolutely or relative to the misfit.
+    """Whether a further step would gain very little, in absolute terms or relative to the misfit.
 
     Convergence of the cost is not required: if the model lacks a strong effect, the cost may
     change from one linearization to the next.
@@ -214,7 +214,7 @@ def considered_hypotheses(
 ) -> tuple[Hypothesis, ...]:
     """Return the effects that may be named, except those equivalent to a pressure scale.
 
-    Effects with memory are included only if a recording can show them: enough frames in time.
+    Effects with memory are included only if a recording has enough frames in time to show them.
     """
     in_time = any(carries_time(run) for run in training)
     return tuple(

@@ -29,7 +29,7 @@ def misfit(
 ) -> Misfit:
     """Return the misfit over all runs; chi_squared: of the whitened residuals of each run.
 
-    Residuals are those of the fit to the training runs; nothing is fitted to held-out ones.
+    Residuals are those of the fit to the training runs; nothing is fitted to held-out runs.
     """
     squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in run_scores])
     lengths = np.concatenate([distances(item.error) for item in run_scores])
@@ -85,7 +85,7 @@ def removed_share(before: float, after: float, floor: float) -> float | None:
 
 
 def adequacy(tests: Sequence[LackOfFit], test: LackOfFit | None = None) -> Adequacy:
-    """Return one of the tests, or the worst, with its p-value adjusted for their number."""
+    """Return one of the tests, or the worst one, with its p-value adjusted for their number."""
     test = test or worst_test(tests)
     return Adequacy(
         test=test.name,

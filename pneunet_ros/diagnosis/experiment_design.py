@@ -68,7 +68,7 @@ class Experiment:
 
 
 def pressures_at(share: Array, pressure_range: tuple[float, float]) -> Array:
-    """Return pressures (n,) Pa from that of a range nearest to rest, share 0, to the farthest."""
+    """Return pressures (n,) Pa of a range: share 0 is the end nearest to rest, 1 the farthest."""
     low, high = pressure_range
     rest = min(max(low, 0.0), high)
     return rest + (max(pressure_range, key=abs) - rest) * share
@@ -116,9 +116,9 @@ EXPERIMENTS = (
 def propose_experiment(
     refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]
 ) -> str:
-    """Propose the experiment most informative about a wanted effect, its rivals fitted jointly.
+    """Propose the most informative experiment on a wanted effect, with its rivals fitted jointly.
 
-    It maximizes chi squared of each wanted effect at the far end of its prior range. Empty if no
+    Maximizes chi squared of each wanted effect at the far end of its prior range. Empty if no
     effect is wanted.
     """
     if not wanted:
@@ -156,8 +156,8 @@ def informations(
 ) -> tuple[Array, list[Array]] | None:
     """Return the information (n, n) of effects, with all nuisance parameters fitted jointly.
 
-    It is for the training runs alone, and together with each experiment. An effect with which the
-    arm has no shape has none. None if the arm has no shape in one of the experiments.
+    For the training runs alone, and together with each experiment. An effect with which the arm
+    has no shape gets zero information. None if the arm has no shape in one of the experiments.
     """
     linearization = linearize_experiments(refit, experiments, pressure_range, force, frames)
     if linearization is None or not candidates:
@@ -218,7 +218,7 @@ def largest_force(refit: Refit) -> float:
 
 
 def effect_information(inner: Array, effect: int, rivals: Sequence[int]) -> float:
-    """Return chi squared of one of the effects, its rivals fitted jointly.
+    """Return chi squared of one of the effects, with its rivals fitted jointly.
 
     inner (n, n): as in `informations`.
     """

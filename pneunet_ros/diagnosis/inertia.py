@@ -1,8 +1,8 @@
 """Inertia as a missing effect: swinging frames, with a static and a moving arm.
 
-A diagnosis judges statics with frames at rest. The other frames are explained either by mass and
-damping, fitted to the training recordings, or by no effect of the library. Held-out recordings are
-predicted with the fitted values.
+A diagnosis tests the statics with frames at rest. The other frames are explained either by mass
+and damping, fitted to the training recordings, or not at all. Held-out recordings are predicted
+with the fitted values.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ NO_FALL = 'the held-out error does not fall significantly with it'
 class Swings:
     """Residuals of targets in recordings with motion, per run (frames, 2, targets) m.
 
-    still: residuals from the equilibrium; left: residuals from the moving arm; swung: the moving
-    arm minus the equilibrium; rest (frames,): frames in which the arm is at equilibrium.
+    still: residuals of the equilibrium; left: residuals of the moving arm; swung: the moving arm
+    minus the equilibrium; rest (frames,): frames in which the arm is at equilibrium.
     """
 
     still: tuple[Array, ...]
@@ -55,7 +55,7 @@ class Swings:
         )
 
     def objection(self, floor: float) -> str:
-        """Return why the moving arm does not fit the swings; empty if it does.
+        """Return why a moving arm does not fit the swings; empty if it does.
 
         Residuals due to noise (rms floor, m) and to the law error of inertia are allowed.
         """
@@ -107,10 +107,10 @@ def with_inertia(
     moving: Sequence[Flags],
     noise: SensorNoise,
 ) -> Diagnosis:
-    """Return a diagnosis extended by whether inertia is missing.
+    """Extend a diagnosis by a test for missing inertia.
 
-    training, held_out: with the swinging frames; moving: masks of these, per recording; noise: of
-    the sensors in these recordings.
+    training, held_out: with the swinging frames; moving: masks of the swinging frames, per
+    recording; noise: of the sensors in these recordings.
     """
     arm = diagnosis.after.arm
     if is_known(diagnosis):
@@ -152,7 +152,7 @@ def with_inertia(
 
 
 def is_known(diagnosis: Diagnosis) -> bool:
-    """Whether the model already has inertia, or the name is withheld."""
+    """Whether the model already has inertia, or the name is excluded."""
     withheld = diagnosis.settings.withheld
     return diagnosis.after.arm.inertia is not None or NAME in withheld
 
@@ -170,7 +170,7 @@ def not_named(diagnosis: Diagnosis, fit: MotionFit, why: str) -> Diagnosis:
 
 
 def swinging(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
-    """Return the recordings in which an arm swings, only unloaded ones if there are any."""
+    """Return the recordings in which the arm swings; only unloaded ones if there are any."""
     return unloaded([run for run, flags in zip(runs, moving, strict=True) if flags.any()])
 
 
@@ -198,8 +198,8 @@ def detectable(diagnosis: Diagnosis, smallest: float) -> Mapping[str, Detectable
 def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
     """Return a diagnosis that names inertia in addition to its other effects.
 
-    The models before and after are evaluated on recordings that show the motion; tested: also on
-    held-out ones.
+    The models before and after are evaluated on recordings that show the motion; tested: whether
+    held-out recordings are among them.
     """
     effect = NamedEffect(
         name=NAME,

@@ -1,4 +1,4 @@
-"""A diagnosis, with the fits it is based on."""
+"""A diagnosis with the fits behind it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Recordings = tuple[Sequence[RecordingData], Sequence[RecordingData]]  # training
 class Investigation:
     """A diagnosis with its intermediate results, for further analysis.
 
-    selection: everything that was tried; base: the fit of the model without further effects; best:
-    of all sets of effects, named or not; trial: the model of the answer; notes: on the recordings,
-    independent of the answer.
+    selection: all trials; base: the fit of the model without further effects; best: the best set
+    of effects, named or not; trial: the model of the answer; notes: on the recordings, independent
+    of the answer.
     """
 
     diagnosis: Diagnosis
@@ -38,11 +38,11 @@ class Investigation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnsettledInvestigation:
-    """A diagnosis whose base fit did not converge: there are no fits."""
+    """A diagnosis without fits, because the base fit did not converge."""
 
     diagnosis: UnsettledDiagnosis
     recordings: Recordings = ((), ())
 
     def overruled(self, diagnosis: Diagnosis | None) -> UnsettledInvestigation:
-        """Return the same: there is no name to withdraw."""
+        """Return the investigation unchanged, because there is no name to withdraw."""
         return self

@@ -1,8 +1,8 @@
-"""Inertia as the cause of a delay, if no frame shows the arm swing.
+"""Inertia as the cause of a delay, if the arm does not swing in any frame.
 
-On slow ramps, damping delays an arm just like a late camera or a slowly filling line. If one of
-these was found or comes closest, mass and damping are fitted to all frames, the swing is
-subtracted, the search is repeated, and the evidence decides.
+On slow ramps, damping delays an arm in the same way as a late camera or a slowly filling line. If
+one of these is the named or the closest effect, mass and damping are fitted to all frames, the
+swing is subtracted, the search is repeated, and the evidence decides.
 """
 
 from __future__ import annotations
@@ -109,10 +109,10 @@ def less_motion(
 ) -> Moving | None:
     """Fit mass and damping, and search recordings minus the swing; None if no fit is found.
 
-    Starts from the effects found without motion, since some of them may imitate it: a late camera
-    looks like damping. Their parameters are fitted too, to first order. Repeats with the effects
-    that the search finds, as long as the recordings become more probable. Like any effect, inertia
-    may leave a share of the misfit that the model without it has.
+    Starts from the effects found without motion, because some of them may imitate it: a late
+    camera resembles damping. The parameters of these effects are fitted too, to first order. The
+    fit is repeated with the effects that the search finds, as long as the recordings become more
+    probable. As for any effect, a fraction of the misfit of the model without inertia may remain.
     """
     margin = LEAST_EVIDENCE
     allowed = MAY_LEAVE * found.base.record.excess
@@ -167,8 +167,8 @@ def arm_towards(arm: Arm, trial: Trial, steps: Sequence[float] | Array) -> Arm:
 def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
     """Return the log probability density of training recordings, and of held-out ones given them.
 
-    It is per coordinate in m, because recordings minus a swing are whitened by less noise than the
-    original ones.
+    The density is per coordinate in m, because recordings minus a swing are whitened by less noise
+    than the original recordings.
     """
     linearization, record = found.selection.linearization, best.record
     count, unit = linearization.training, math.log(linearization.noise.target_std)
@@ -179,10 +179,11 @@ def log_densities(found: Investigation, best: Trial) -> tuple[float, float]:
 
 
 def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool) -> Diagnosis:
-    """Return the diagnosis with inertia named, or with the reason why it is not.
+    """Return the diagnosis with inertia named, or with the reason why it is not named.
 
     The previous model is evaluated on the recordings with their swing, whitened by the same noise
-    as the new model; it must make the held-out ones less probable. row: evidence for inertia.
+    as the new model; the held-out recordings must be less probable under it. row: evidence for
+    inertia.
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     if diagnosis.answer == 'unknown':
@@ -213,7 +214,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
 def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Trial:
     """Return a trial with its recordings whitened by the noise of another investigation.
 
-    A swing that is not subtracted counts as noise, and makes other residuals look small.
+    Without subtraction, a swing would be treated as noise and make other residuals look small.
     """
     known, noise = found.selection.linearization, other.selection.linearization.noise
     point = trial.refit.point
@@ -239,7 +240,7 @@ def with_chi_squared(evaluation: Evaluation, record: Record) -> Evaluation:
 
 
 def evidence_of(best: Trial, rival: Trial, gained: float) -> Evidence:
-    """Return the evidence for inertia with the effects found, over the previous model.
+    """Return the evidence for inertia and the effects found, relative to the previous model.
 
     gained: gain in log probability of the training recordings over a rival.
     """

@@ -54,8 +54,8 @@ class Frames:
 def collect_frames(refit: Refit, *, harmless: bool = False) -> Frames:
     """Collect the residuals of the training runs.
 
-    harmless: only harmless departures are left, which are not misfit; otherwise they have absorbed
-    a part of the missing effect and are added.
+    harmless: whether the departures are negligible and not part of the misfit; otherwise they have
+    absorbed a part of the missing effect and are added.
     """
     linearization, gaussian = refit.linearization, refit.gaussian
     squares, axes = [], []
@@ -111,7 +111,8 @@ def misfit_shares(frames: Frames) -> tuple[Share, ...]:
 def axis_shares(axis: Axis, edges: Array, squares: Sequence[Array]) -> list[Share]:
     """Return the share of each bin with its significance; squares: of each bin.
 
-    Bins with more observations have more misfit, so the share of observations is returned too.
+    The share of observations is returned too, because bins with more observations have more
+    misfit.
     """
     finite = [item[np.isfinite(item)] for item in squares]
     excess = [max(float(item.sum()) - 2 * item.size, 0.0) for item in finite]
@@ -181,7 +182,7 @@ def describe_misfit(frames: Frames) -> str:
 
 
 def end_ratio(frames: Frames, axis: Axis) -> float:
-    """Return the misfit beyond noise at the upper end of an axis over that at the lower end."""
+    """Return the ratio of the misfit beyond noise at the upper end of an axis to the lower end."""
     bins = frames.bin_indices(axis)
     bins[~np.isfinite(frames.squares).any(axis=1)] = -1
     used = np.unique(bins[bins >= 0])
@@ -193,8 +194,8 @@ def end_ratio(frames: Frames, axis: Axis) -> float:
 def rising_to_falling_ratio(frames: Frames) -> float:
     """Return the ratio of excess misfit with rising to falling pressure.
 
-    Only frames with similar pressure and force are compared: a load that is attached only while
-    the pressure rises is not hysteresis.
+    Only frames with similar pressure and force are compared, because a load that is attached only
+    while the pressure rises is not hysteresis.
     """
     cells = np.zeros(len(frames.squares), np.int64)
     axes: tuple[Axis, ...] = ('pressure', 'force')
@@ -215,7 +216,7 @@ def rising_to_falling_ratio(frames: Frames) -> float:
 
 
 def floored_ratio(upper: float, lower: float, mean: float) -> float:
-    """Return a ratio with both sides bounded below by a share of the mean."""
+    """Return a ratio with numerator and denominator bounded below by a fraction of the mean."""
     least = FLOOR * max(mean, FLOOR)
     return float(max(upper, least) / max(lower, least))
 

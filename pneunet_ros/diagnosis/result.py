@@ -31,8 +31,8 @@ class Estimated:
 class NamedEffect:
     """An effect missing in the model, and its parameters by name.
 
-    probability: that it is missing, from the evidence of all fitted sets and the error rate of
-    such names in blind trials.
+    probability: that the effect is missing, from the evidence of all fitted sets and the error
+    rate of such names in blind trials.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Share:
     """Share of the misfit, and of the data, in an interval of an axis.
 
     start, stop in SI (s / l for arclength, Pa, N, s since the start of a recording, -1 or +1 for
-    falling or rising pressure); p_value: probability of such a share by noise alone.
+    falling or rising pressure); p_value: probability of such a share under noise alone.
     """
 
     axis: Axis
@@ -102,10 +102,10 @@ class Adequacy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detectable:
-    """The detection limit of an effect: its smallest size that these recordings would have shown.
+    """Detection limit: the smallest size of an effect that these recordings would have shown.
 
-    parameter: the quantity of `smallest` (SI, `unit`), which for a stiffness is the largest value;
-    observable: whether it is within the prior range; expected: that range (SI).
+    parameter: the quantity of `smallest` (SI, `unit`), which is the largest value for a stiffness;
+    observable: whether it is within the prior range; expected: this range (SI).
     """
 
     parameter: str
@@ -163,9 +163,9 @@ class HeatMap:
 class Diagnosis:
     """The result of `diagnose`.
 
-    answer: one of five; sentence: the answer in words; certainty: what was compared, and the
-    difference. effects: the missing ones, strongest first; alternatives: names of effects that
-    cannot be distinguished from them with these data. where: shares of the misfit, in words
+    answer: one of five; sentence: the answer in words; certainty: the comparison that led to it,
+    and the difference. effects: the missing ones, strongest first; alternatives: names of effects
+    that cannot be distinguished from them with these data. where: shares of the misfit, in words
     `where_sentence`; heat_maps: over arclength and another axis. before, after: the base model,
     and the one with the effects (the same if none was added). noise_floor (m): the rms of a
     perfect model on these recordings, and its scatter. closed: share of the reducible error on
@@ -205,7 +205,7 @@ class Diagnosis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnsettledDiagnosis:
-    """A diagnosis that stopped because the base fit did not converge; it has no numbers.
+    """A diagnosis without numbers, because the base fit did not converge.
 
     sentence: what happened; notes: further information; seed and settings as requested.
     """

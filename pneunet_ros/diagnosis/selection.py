@@ -56,7 +56,7 @@ PARTIAL = 0.5  # of the gain of a more probable set: too little beside it
 class Added:
     """Evidence and chi-squared gain of a set of effects over another one (names).
 
-    The model error of the other set's laws is subtracted.
+    The law errors of the other set are subtracted.
     """
 
     names: tuple[str, ...]
@@ -69,13 +69,14 @@ class Record:
     """Result of effects that were fitted jointly.
 
     dof: number of their parameters; evidence over the base, in log probability; gain in chi
-    squared, with prior and volume of the errors; tests: of the remaining misfit; plausible: no
-    size is far beyond its prior range. outside_prior: sentences on parameters beyond theirs.
-    run_chi_squared: of the whitened residuals of each run, held-out ones too, and coordinates:
-    their number. log_probability: of the training runs; without: of all but each in turn, both
-    linearized at the fit to all; predicted: of the held-out runs given the training ones;
-    nonuniform: of the training runs if the arm may bend unevenly, None if its curvature is free
-    along the arm. added: gain over the set to which the last effect was added.
+    squared, with prior and volume of the errors; tests: of the remaining misfit; plausible:
+    whether no size is far beyond its prior range. outside_prior: sentences on parameters outside
+    their prior range. run_chi_squared: of the whitened residuals of each run, including held-out
+    runs, and coordinates: their number. log_probability: of the training runs; without: with each
+    run left out in turn, both linearized at the fit to all runs; predicted: of the held-out runs
+    given the training runs; nonuniform: of the training runs if the arm may bend unevenly, None if
+    its curvature is free along the arm. added: gain over the set to which the last effect was
+    added.
     """
 
     names: tuple[str, ...]
@@ -161,7 +162,7 @@ class Selection:
     def open_laws(self, trial: Trial) -> tuple[LawErrors, OpenLaws]:
         """Return the law errors of a trial, and its linear problem with them.
 
-        Only the last one is kept, because it is large.
+        Only the last result is cached, because it is large.
         """
         key = frozenset(trial.names)
         if self.opened is None or self.opened[0] != key:
@@ -231,9 +232,10 @@ class Selection:
         gaussian: GaussianModel,
         tests: Sequence[LackOfFit],
     ) -> bool:
-        """Whether the residual lies within the law errors of these effects.
+        """Whether the residual misfit is within the law errors of these effects.
 
-        That is a small part of the misfit without them, or more if law errors explain it.
+        The limit is a small fraction of the misfit without the effects, or more if law errors
+        explain it.
         """
         most = base.record.excess
         if is_adequate(tests, MAY_LEAVE * most):
@@ -246,7 +248,7 @@ class Selection:
         return is_adequate(tests, LAW_ERRORS.left_open * most)
 
     def select_forward(self, base: Trial) -> Trial:
-        """Add effects one by one while that helps; return the best set."""
+        """Add effects one by one while the fit improves; return the best set."""
         best = base
         for count in range(MOST_EFFECTS):
             if best.record.adequate and self.significant_candidate(best) is None:
@@ -262,10 +264,9 @@ class Selection:
         return best
 
     def fit_rivals(self, base: Trial, best: Trial) -> Trial:
-        """Replace the strongest effect of a set by those with similar scores; return the best fit.
+        """Replace the strongest effect of a set by rivals of similar score; return the best fit.
 
-        The rest of the set is kept, because each additional effect was chosen among its own
-        rivals.
+        The other effects are kept, because each was chosen among its own rivals.
         """
         if not best.names:
             return best
@@ -301,9 +302,9 @@ class Selection:
         return self.candidates[key]
 
     def significant_candidate(self, trial: Trial) -> Candidate | None:
-        """Return the effect with the best score on top of these.
+        """Return the effect with the best score in addition to these.
 
-        None if noise, or the law errors of these, would explain the score.
+        None if noise, or the law errors of these effects, would explain the score.
         """
         candidates = self.score_candidates(trial)
         if not candidates:
@@ -335,7 +336,7 @@ class Selection:
     def fit_finalists(
         self, base: Trial, trial: Trial, candidates: Sequence[Candidate]
     ) -> list[Trial]:
-        """Refit once with each candidate, then the best ones to convergence.
+        """Refit once with each candidate, then fit the best candidates to convergence.
 
         A strong effect may not have converged after one refit; its score estimates the gain.
         """
@@ -368,7 +369,7 @@ class Selection:
     def eliminate_backward(self, base: Trial, trial: Trial) -> Trial:
         """Remove effects that are not needed to predict the recordings.
 
-        The last one is also removed if its size does not differ significantly from zero.
+        The last effect is also removed if its size does not differ significantly from zero.
         """
         while len(trial.names) > 1:
             least = trial.record.evidence - LEAST_EVIDENCE
@@ -429,7 +430,7 @@ def choose_best(trial: Trial, extended: Sequence[Trial]) -> Trial | None:
 
 
 def is_worth_adding(trial: Trial, better: Trial) -> bool:
-    """Whether one more effect explains everything, or most of the remaining misfit."""
+    """Whether one more effect explains all or most of the remaining misfit."""
     record = better.record
     return record.adequate or record.excess < SELECTION.most_left * trial.record.excess
 
@@ -437,8 +438,8 @@ def is_worth_adding(trial: Trial, better: Trial) -> bool:
 def is_absent(fit: Refit, name: str, most: float) -> bool:
     """Whether the sizes of an effect are within this many standard errors of zero.
 
-    This is tested jointly, with correlations. Such an effect only led the fit out of a poor
-    minimum of the others, and explains nothing.
+    Tested jointly, with correlations. Such an effect explains nothing; it only helped the fit to
+    leave a poor local minimum.
     """
     first = 0
     for item, numbers in zip(
@@ -466,8 +467,8 @@ def is_plausible(fit: Refit, most: float) -> bool:
 def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
     """Return a note on every parameter outside its prior range by two standard errors.
 
-    The error includes that of the law. ends: limits of a size in prior standard deviations; those
-    of a shape are one.
+    The standard errors include the law error. ends: limits of a size in prior standard deviations;
+    the limits of a shape are one.
     """
     stds = np.split(np.sqrt(np.diag(fit.covariance)), np.cumsum([i.size for i in fit.hypotheses]))
     parts = split_numbers(fit.hypotheses, fit.numbers)
@@ -488,5 +489,5 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
 
 
 def evidence_margin(evidence: float) -> float:
-    """Return the significant difference of evidence, given that no law is exact."""
+    """Return the smallest significant difference of evidence, given that no law is exact."""
     return max(LEAST_EVIDENCE, LAW_EVIDENCE * evidence)

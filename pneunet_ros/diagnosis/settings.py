@@ -1,6 +1,6 @@
 """Tuning constants of a diagnosis: one class per algorithm, all in `DiagnosisSettings`.
 
-Blind trials tested all of them together.
+Blind trials tested all settings together.
 """
 
 from __future__ import annotations

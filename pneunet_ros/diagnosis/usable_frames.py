@@ -1,9 +1,9 @@
-"""The frames of recordings that a diagnosis can use: of an arm at rest, with known readings.
+"""Frames that a diagnosis can use: arm at rest, pressure and load known.
 
-The error of linear interpolation between readings is treated as a reading error: a fit absorbs it
-along the tangent of the shape, as if it were normal. If it exceeds the noise of a reading, the
-frame is not a valid measurement, because its pressure or load is unknown. Such frames, and those
-outside the readings, are left out.
+The interpolation error between readings is treated as a normal reading error, which a fit absorbs
+along the tangent of the shape. If it exceeds the noise of a reading, the frame is not a valid
+measurement, because its pressure or load is unknown. Such frames are excluded, as are frames
+before the first and after the last reading.
 """
 
 from __future__ import annotations
@@ -79,11 +79,11 @@ def at_rest(
     notes: tuple[str, ...],
     calibration: CalibrationSettings = CALIBRATION,
 ) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
-    """Return recordings without frames in motion; a note on these comes first.
+    """Exclude frames in motion; return the recordings, the notes, and the excluded frames.
 
-    Also returns these frames.
+    A note on the excluded frames comes first.
 
-    RecordingError if the training recordings would do with them, and do not without.
+    Raises RecordingError if the training recordings suffice with these frames but not without.
     """
     kept, motion = without_motion(model, training, held_out)
     if motion is None:
@@ -105,11 +105,11 @@ def at_rest(
 def without_unread(
     arm: Arm, *groups: Sequence[RecordingData]
 ) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
-    """Return recordings without the frames whose readings are unknown, and a note.
+    """Exclude the frames with unknown pressure or load; return the recordings and a note.
 
-    A loaded recording that has no load any more is left out as well. The arm remembers the
-    pressures of what is left out: these go to the next recording. RecordingError if the first
-    group loses all its recordings, or all without a load, or all with one.
+    A loaded recording that loses its load is excluded as well. The pressures of excluded
+    recordings are prepended to the next one, because the arm has a memory of them. Raises
+    RecordingError if the first group loses all its recordings, or all unloaded or all loaded ones.
     """
     runs = list(itertools.chain(*groups))
     noise = with_noise_of_readings(arm.sensors, runs)
@@ -137,7 +137,7 @@ def without_unread(
 
 
 def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
-    """Return these frames of a run; None if none is left, or none with its load."""
+    """Return these frames of a run; None if no frame, or no frame with its load, remains."""
     if not flags.any():
         return None
     part = run.subset(np.flatnonzero(flags))
@@ -146,7 +146,7 @@ def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> Recording
 
 
 def read_frames(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:
-    """Return the frames (frames,) whose state is covered by readings."""
+    """Return the frames (frames,) with known pressure and load."""
     if run.static or len(run.reading_stamp_ns) < 2:
         return np.ones(len(run.stamp_ns), np.bool_)
     shown = shown_instants(arm, run)

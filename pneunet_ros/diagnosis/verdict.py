@@ -72,7 +72,7 @@ def describe_verdict(
 
 
 def describe_gain(record: Record, before: float, after: float, noise: tuple[float, float]) -> str:
-    """Describe the improvement by a set of effects, in rms (m) if that shows it.
+    """Describe the improvement by a set of effects, in rms (m) if visible there.
 
     noise: rms (m) of a perfect model, and its scatter.
     """
@@ -138,6 +138,6 @@ def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
 
 
 def closest_set(selection: Selection) -> Record:
-    """Return the set with most evidence among those that reduce chi squared."""
+    """Return the set with the largest evidence among the sets that reduce chi squared."""
     lower = [item for item in selection.tried.values() if item.gain >= 0.0]
     return max(lower, key=lambda item: item.evidence)

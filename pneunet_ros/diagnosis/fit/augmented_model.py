@@ -83,11 +83,11 @@ def free_numbers(refit: Refit) -> list[tuple[str, Coordinate, float]]:
 
 
 def describe_effects(refit: Refit, probability: Mapping[str, float]) -> tuple[NamedEffect, ...]:
-    """Return the effects with their parameters and errors, the most probable first.
+    """Return the effects with their parameters and errors, sorted by probability.
 
     The error of a parameter includes the error of its law, relative to its distance from neutral.
-    With several effects, each may also absorb the law errors of the others, which are added in
-    full.
+    With several effects, each may also absorb the law errors of the others, which are therefore
+    added in full.
     """
     together = math.sqrt(len(refit.hypotheses))
     law_errors = {item.name: together * item.kind.law_error for item in refit.hypotheses}
@@ -142,8 +142,8 @@ def shown_quantities(fit: Fit, names: tuple[str, ...]) -> set[str]:
 def direction_notes(arm: Arm, effects: Sequence[NamedEffect]) -> tuple[str, ...]:
     """Describe the direction of gravity that explains the line load equally well; empty: none.
 
-    A line load not larger than the weight of the arm may be that weight, if the model has a wrong
-    direction of gravity. arm: without the effect.
+    A line load no larger than the weight of the arm may be this weight, if the direction of
+    gravity in the model is wrong. arm: without the effect.
     """
     per_length = arm.weight / arm.length
     for effect in effects:

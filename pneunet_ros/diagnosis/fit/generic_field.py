@@ -1,7 +1,7 @@
 """Generic fields: smooth curvature, stretch and rotation over arclength, times regressors.
 
-They represent everything not described by an effect of the library. They have three uses: the size
-of harmless departures, lack-of-fit tests, and localization.
+Generic fields represent all model errors that no effect of the library describes. They are used
+for the size of negligible departures, for lack-of-fit tests, and for localization.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def past_name(time_constant: float) -> str:
 def high_pass(run: RecordingData, time_constant: float) -> Array:
     """Return pressure (Pa) minus its first-order low-pass at the frames; zero if static.
 
-    This is exact for piecewise linear pressure.
+    Exact for piecewise linear pressure.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))
@@ -185,8 +185,8 @@ def stretch_fields(arclength: Array, theta: Array, clamp_angle: float, count: in
     """Return the response of points to stretch modes, (frames, 2 targets, count), over length.
 
     arclength (targets,) s / l; theta (frames, targets) rad: the displacement along the tangent is
-    integrated by the trapezoidal rule from the clamp, which has clamp_angle (rad), to the first
-    target, and from target to target.
+    integrated by the trapezoidal rule from the clamp, at clamp_angle (rad), to the first target,
+    and from target to target.
     """
     arclength = np.concatenate([[0.0], arclength])
     theta = np.insert(theta, 0, clamp_angle, axis=1)

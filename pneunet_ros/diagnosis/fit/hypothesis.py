@@ -89,7 +89,7 @@ class Hypothesis:
 
     @property
     def has_memory(self) -> bool:
-        """Whether the effect depends on past pressures, which makes points nonlinear in it."""
+        """Whether the effect depends on past pressures, so that points are nonlinear in it."""
         return self.kind.implements('actuate') or self.kind.implements('frame_delay')
 
     @property
@@ -140,7 +140,7 @@ class Hypothesis:
         return [i for i, item in enumerate(self.coordinates) if not item.shape]
 
     def starts(self) -> list[tuple[int, Array]]:
-        """Return the start of the fit of the effect: the moved size, and all numbers."""
+        """Return starts for the fit of the effect: index of the varied size, and all numbers."""
         shapes, starts = self.shapes(), []
         for shape in shapes:
             for which in self.sizes:
@@ -151,7 +151,7 @@ class Hypothesis:
         return starts
 
     def shapes(self) -> list[Array]:
-        """Return numbers without any size, over the prior range of the shapes."""
+        """Return numbers of size zero, over the prior range of the shape parameters."""
         is_shape = np.array([item.shape for item in self.coordinates])
         steps = np.linspace(-1.0, 1.0, HYPOTHESIS.shapes) if is_shape.any() else [0.0]
         return [np.where(is_shape, self.mean + step * self.std, 0.0) for step in steps]

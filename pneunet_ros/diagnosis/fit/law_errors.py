@@ -1,9 +1,9 @@
-"""Law errors of effects: the size of each, independent in every frame and along the arm.
+"""Law errors of effects: errors of their sizes, independent in every frame and along the arm.
 
 No law is exact: a line may fill faster than it empties, an elongation may be uneven. The law error
-of a strong effect may look like another effect, far above the noise. Therefore every effect has a
+of a strong effect may resemble another effect, far above the noise. Every effect therefore has a
 relative error of its size, independent in every frame and along the arm. These errors are
-integrated out run by run, like the path of the camera.
+marginalized run by run, like the path of the camera.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def along_arm(field: Array, shapes: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OpenLaws:
-    """Linear problem of a fit in which the errors of laws are integrated out, run by run."""
+    """Linear problem of a fit with the law errors marginalized, run by run."""
 
     gaussian: GaussianModel
     filters: tuple[Whitening, ...] = ()
@@ -120,14 +120,14 @@ class OpenLaws:
 
     @property
     def cost(self) -> float:
-        """Half of chi squared and prior at the best step, and the log volume of the errors."""
+        """Half of chi squared and prior at the optimal step, plus the log volume of the errors."""
         return self.gaussian.cost
 
 
 def independent(columns: Array) -> Array:
     """Return nonzero orthogonal columns (rows, n) with the same covariance.
 
-    An SVD would have trouble with frames in which an effect does nothing.
+    An SVD would be ill-conditioned for frames in which an effect is inactive.
     """
     variances, axes = np.linalg.eigh(columns.T @ columns)
     kept: Array = columns @ axes[:, variances > LEAST_VARIANCE]

@@ -1,8 +1,8 @@
 """Recordings linearized around a fit: derivatives of whitened points.
 
-The camera's path and the errors of readings are integrated out run by run. The remaining unknowns,
+The camera's path and the errors of readings are marginalized run by run. The remaining unknowns,
 each scaled to a normal prior with unit variance, are the base model, the placement of the targets,
-a field of harmless departures that every model has, and the tilt of a camera that is not exactly
+a field of negligible departures that every model has, and the tilt of a camera that is not exactly
 parallel to the plane of the arm.
 """
 
@@ -42,8 +42,8 @@ class LinearizedRun:
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
     integrates out of whitened columns (rows, n); placed (frames, 2, targets) m: the part of the
     placement that `base` subtracts; fields: generic ones, and tilt: response of points to a tilt
-    of the image, neither whitened. model: start of searches for equilibria. linear: without its
-    Jacobian and errors, which are large.
+    of the image, neither whitened. model: start of searches for equilibria. linear: the
+    linearization without its Jacobian and errors, which are large.
     """
 
     linear: RunLinearization
@@ -113,7 +113,7 @@ class LinearizationPoint:
 class KnownInputs:
     """Inputs of arms in runs, cached per set of sensing and actuation effects.
 
-    The last `alternatives` runs are not successive: each follows all others.
+    The last `alternatives` runs are alternatives: each follows all the other runs.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class KnownInputs:
         self.shown: dict[float, list[RecordingData]] = {}
 
     def of(self, arm: Arm) -> list[Inputs]:
-        """Return the inputs of an arm in all runs; reading noise has no history."""
+        """Return the inputs of an arm in all runs; reading noise does not enter the history."""
         in_time = [item for item in arm.effects if item.frame_delay]
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting, *in_time))
         if key not in self.known:
@@ -193,7 +193,7 @@ class Linearization:
     def at(
         self, point: LinearizationPoint, runs: Sequence[RecordingData] | None = None
     ) -> Linearization:
-        """Return the same or other runs around another point."""
+        """Return the linearization of the same or other runs around another point."""
         known = self.known_inputs if runs is None else None
         runs = runs or self.runs
         return Linearization(point, runs, self.training, self.noise, known)
@@ -235,10 +235,10 @@ class Linearization:
         )
 
     def tolerances(self) -> Array:
-        """Return the size of every generic field that is harmless, (fields,).
+        """Return the negligible size of every generic field, (fields,).
 
-        Together those that move any point move them by `LinearizationSettings.tolerance` of the
-        length (root mean square) in frames with a shape.
+        Together, the fields move the points by `LinearizationSettings.tolerance` of the length
+        (root mean square) in frames with a shape.
         """
         fields = [block.fields.generic for block in self.blocks]
         squares = sum(np.nansum(field**2, axis=(0, 1)) for field in fields)
@@ -282,8 +282,7 @@ class Linearization:
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return predicted points (frames, 2, targets) m of an arm; None if there is no solution.
 
-        They are under the loads of the linearization, and include only the nonlinear part of the
-        placement.
+        Under the loads of the linearization; only the nonlinear part of the placement is included.
         """
         out = []
         all_inputs = self.known_inputs.of(arm)

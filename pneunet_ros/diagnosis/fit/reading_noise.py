@@ -1,8 +1,9 @@
 """Influence of pressure noise on a fit through effects with a history.
 
-The noise of a frame's own reading is in the covariance of that frame. The noise of earlier
-readings acts through memory, for example at the turning points of a play or in the state of a
-line. It is common to many frames, and is estimated by adding the same amount of noise again.
+The noise of a frame's own reading is in the covariance of this frame. The noise of earlier
+readings acts through memory, for example at the turning points of a play operator or in the state
+of a pressure line. It is common to many frames, and is estimated by adding the same amount of
+noise once more.
 """
 
 from __future__ import annotations

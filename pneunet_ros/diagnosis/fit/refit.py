@@ -1,7 +1,7 @@
 """Joint fit of effects and the rest of the model, with free shape parameters.
 
-Gauss-Newton: the Jacobian of the base model is that of its linearization, the one of the effects
-is recomputed at every step, and residuals are those of the equilibrium itself.
+Gauss-Newton: the Jacobian of the base model is that of its linearization, the Jacobian of the
+effects is recomputed at every step, and residuals are those of the exact equilibrium.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Refit:
     """Effects fitted jointly: their numbers and covariance, and the linear problem at the end.
 
     numbers (k,) of all hypotheses, in order; base (n,): scaled position of all other unknowns;
-    gaussian: with columns base, departures, numbers. settled: another linearization changes
-    nothing.
+    gaussian: with columns base, departures, numbers. settled: whether another linearization would
+    change nothing.
     """
 
     linearization: Linearization
@@ -192,7 +192,7 @@ class JointFit:
         return np.concatenate([known, np.zeros(self.fixed[0].shape[1] - known.size)])
 
     def fit(self, numbers: Array, base: Array | None = None) -> Refit | None:
-        """Find the most probable numbers from a start; None if the start has no shapes.
+        """Find the most probable numbers from a start; None if the arm has no shapes there.
 
         base: initial scaled position of all other unknowns; None: that of the linearization.
         """
@@ -279,12 +279,12 @@ def refit(
 
 
 def settle(fit: Refit, rounds: int | None = None) -> Refit:
-    """Relinearize and fit until nothing changes, a limited number of times.
+    """Relinearize and fit to convergence, a limited number of times.
 
-    The effect of reading errors is that of the linearized model, so a search may alternate between
-    two models: if the cost rises, it continues halfway between them. If it does not converge, or
-    if there is no arm halfway, the most probable fit of all rounds with a finished search is
-    returned: a fit that was stopped far from its minimum may have a lower cost only because its
+    Reading errors are weighted by the linearized model, so a search may alternate between two
+    models: if the cost rises, the search continues halfway between them. If it does not converge,
+    or if there is no arm halfway, the most probable fit among all converged rounds is returned,
+    because a fit that was stopped far from its minimum may have a lower cost only because its
     initial model had larger errors.
     """
     around, best = fit, None
@@ -322,8 +322,8 @@ def linearize_all_runs(
 ) -> tuple[Iterate, GaussianModel] | None:
     """Linearize all runs at a fit to some of them; None if one has no solution.
 
-    Scores of fields in held-out recordings are then conditional on the training ones: V^-1 of all
-    runs, with the fields of a part, is that of the part given the others.
+    Scores of fields in held-out recordings are then conditional on the training recordings: V^-1
+    of all runs, with the fields of a subset, is that of the subset given the other runs.
     """
     search = JointFit(linearization, fit.hypotheses, all_runs=True)
     at = search.iterate(fit.base, fit.numbers)

@@ -1,1 +1,1 @@
-"""Whether a fit leaves more than noise, and which effects might explain it."""
+"""Tests for residuals beyond noise, and scores of effects that might explain them."""

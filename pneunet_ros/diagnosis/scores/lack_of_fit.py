@@ -1,8 +1,8 @@
 """Lack-of-fit tests: score tests on generic fields, in training and held-out recordings.
 
 A statistic is z^T C^-1 z of a group of fields (measurement/errors/gaussian_model.py). Its
-distribution in clean data is simulated: normal scores of the linearized refit, with standard
-deviations of placement and camera that are themselves estimated from few values.
+distribution in clean data is simulated: normal scores of the linearized refit, with the standard
+deviations of placement and camera drawn too, because they are estimated from few values.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class LackOfFit:
         return float(scipy.stats.gamma.sf(self.statistic, **self.gamma_law)) if self.dof else 1.0
 
     def threshold(self, level: float) -> float:
-        """Return the value exceeded by data without model error with probability `level`."""
+        """Return the critical value at significance `level`, for data without model error."""
         return float(scipy.stats.gamma.isf(level, **self.gamma_law)) if self.dof else np.inf
 
     @property
@@ -124,7 +124,7 @@ def worst_p_value(tests: Sequence[LackOfFit]) -> float:
 
 
 def is_adequate(tests: Sequence[LackOfFit], allowed: float = 0.0) -> bool:
-    """Whether the residuals look like clean data, or have an excess acceptable for a law."""
+    """Whether the residuals are consistent with clean data, or with an acceptable excess."""
     level = LACK_OF_FIT.level / max(len(tests), 1)
     return bool(tests) and all(item.p_value > level or item.excess < allowed for item in tests)
 
@@ -150,7 +150,7 @@ def tested_fields(linearization: Linearization) -> Iterable[tuple[str, range, li
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TestedProblem:
-    """A linear problem with its unusually large residual directions.
+    """A linear problem with its disturbances.
 
     residuals (rows,) of each run after the best step; placement (rows, n) and camera (rows, k):
     their effect in each run, and for both the part shared with the columns of the problem.

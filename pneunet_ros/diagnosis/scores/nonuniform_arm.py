@@ -1,8 +1,8 @@
-"""Tests whether nonuniform bending between targets explains an effect.
+"""Test of nonuniform bending between targets as the explanation of an effect.
 
-With a target only at the tip, constant curvature is an assumption, and a departure from it looks
-like an effect. `calibration.checks.nonuniformity` adds the departure to the covariance of a fit;
-here its linear part, with the same prior, is an additional unknown.
+With a target only at the tip, constant curvature is an assumption, and a departure from it
+resembles an effect. `calibration.checks.nonuniformity` adds the departure to the covariance of a
+fit; here its linear part, with the same prior, is an additional unknown.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def nonuniform_columns(
 def beside_nonuniform(
     candidates: Sequence[Candidate], gaussian: GaussianModel, columns: list[Array]
 ) -> list[Candidate]:
-    """Return effects with their information reduced by nonuniform bending.
+    """Reduce the information on effects by nonuniform bending.
 
     gaussian: of the training runs without these effects; columns: `nonuniform_columns`, possibly
     none.

@@ -28,8 +28,9 @@ class Candidate:
     """An effect that may be added to a refit: its reduction of chi squared, and a start.
 
     start (numbers,): start of a fit; tried (numbers,): values at which the effect was tried;
-    which: index of the varied size. information: chi squared of that size on these recordings,
-    after refitting everything else; direction: decrease of the whitened residuals (rows,) per run.
+    which: index of the varied size. information: chi squared of this size on these recordings,
+    after all other unknowns are refitted; direction: decrease of the whitened residuals (rows,)
+    per run.
     """
 
     hypothesis: Hypothesis
@@ -109,7 +110,7 @@ def score_effect(
 
 
 def cosine_matrix(gaussian: GaussianModel, candidates: Sequence[Candidate]) -> Array:
-    """Return the cosines of the effects' directions after refitting the rest, (n, n)."""
+    """Return the cosines of the effects' directions after refitting all other unknowns, (n, n)."""
     directions = zip(*(item.direction for item in candidates), strict=True)
     columns = [np.column_stack(run) for run in directions]
     inner = gaussian.inner(columns, columns)
@@ -121,9 +122,9 @@ def cosine_matrix(gaussian: GaussianModel, candidates: Sequence[Candidate]) -> A
 def largest_clean_score(
     gaussian: GaussianModel, candidates: Sequence[Candidate], seed: int
 ) -> float:
-    """Return what the largest score in clean data exceeds at the level of tests of lack of fit.
+    """Return the critical value of the largest score, at the level of the lack-of-fit tests.
 
-    It simulates normal scores of the linearized refit, with their correlations.
+    Simulated with correlated normal scores of the linearized refit.
     """
     if not candidates:
         return 0.0
@@ -137,7 +138,7 @@ def largest_clean_score(
 def detection_limits(
     hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
 ) -> Mapping[str, Detectable]:
-    """Return, for every effect, the size that is visible after refitting the base model.
+    """Return the detection limit of every effect after refitting the base model.
 
     An effect that only rescales the pressure is never observable, because kappa_p0(p) absorbs it.
     """
