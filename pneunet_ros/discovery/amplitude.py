@@ -2,9 +2,9 @@
 
 With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has a field per frame: the
 change of the whitened points per unit of its amplitude, at equilibrium. The score z = E^T V^-1 r
-and the information C = E^T V^-1 E of its columns contain all the information of the recordings,
-with base, placement and camera refitted. Here columns are field times covariate, or field times
-frame, and z and C are those of all or some runs.
+and the information C = E^T V^-1 E of its columns are sufficient statistics of the recordings, with
+base, placement and camera refitted. Columns are products of field and covariate, or of field and
+frame indicator; z and C are those of all or some runs.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Projection:
 
 
 class RunColumns(abc.ABC):
-    """Columns of every run of a fit, ready for evidence in any of the runs."""
+    """Columns of every run of a fit, for evidence in any subset of the runs."""
 
     @abc.abstractmethod
     def evidence(self, runs: Runs) -> Evidence:
@@ -87,7 +87,7 @@ class RunColumns(abc.ABC):
         )
 
     def left_out_gain(self, runs: Runs, std: float) -> float:
-        """Return the gain in log probability of every run predicted from the others."""
+        """Return the gain in log probability of every run, predicted from the others."""
         total, *left_out = (item.log_gain(std) for item in self.left_out(runs))
         return sum(total - item for item in left_out)
 
@@ -120,7 +120,7 @@ class Columns(RunColumns):
 class PerRunColumns(RunColumns):
     """Columns with coefficients of their own in every run, such as one per frame.
 
-    Evidence covers those of all runs in order, with zeros for other runs.
+    Evidence covers the coefficients of all runs in order, with zeros for other runs.
     """
 
     projection: Projection
@@ -130,7 +130,7 @@ class PerRunColumns(RunColumns):
     def of_frames(
         cls, projection: Projection, linearization: Linearization, fields: Sequence[Array]
     ) -> PerRunColumns:
-        """Take a field (frames, 2 targets) m of every run, whitened frame by frame."""
+        """Build columns from fields (frames, 2 targets) m per run, whitened frame by frame."""
         gaussian = projection.gaussian
         return cls(
             projection,

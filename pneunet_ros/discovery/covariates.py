@@ -1,8 +1,8 @@
 """Covariates of an amplitude, frame by frame, in SI and scaled to about one.
 
-Some are known wherever a model runs (pressure and its past, the end load), so an effect can depend
-on them. The time since the start of a recording is only known here: a law in it describes the
-recordings, but predicts nothing.
+Some covariates are known wherever a model runs (pressure and its past, the end load), so that an
+effect can depend on them. The time since the start of a recording is known only here: a law in
+this time describes the recordings but predicts nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ RATE_TIME = 0.3  # s, averaging time of the rate of a pressure, because of the n
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """Description of a covariate: its group, unit, words, and the parameter of an effect with it.
+    """Description of a covariate: group, unit, words, and the parameter of an effect with it.
 
     parameter: empty if an effect cannot follow it.
     """
@@ -134,9 +134,9 @@ def covariate_table(linearization: Linearization, which: int) -> dict[str, Array
 
 
 def side_of_play(run: RecordingData, width: float) -> Array:
-    """Return the position in a play of this full width (Pa), -1 to 1, at the frames.
+    """Return the position in a play operator of this full width (Pa), -1 to 1, at the frames.
 
-    It starts in the middle; static frames have no past and stay there.
+    The play starts in the middle; static frames have no past and stay there.
     """
     if run.static:
         return np.zeros(len(run.stamp_ns))

@@ -1,7 +1,7 @@
-"""Discovery: find a law in words and an executable effect for an unexplained diagnosis.
+"""Discovery of a law, in words and as an executable effect, for an unexplained misfit.
 
-There is no search if the residuals are consistent with noise. A law is reported only if one half
-of the recordings predicts it in the other half, and if held-out recordings do not contradict it.
+There is no search if the residuals are consistent with noise. A law is reported only if each half
+of the recordings predicts the other half with it, and if held-out recordings do not contradict it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ import scipy
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Finding:
-    """A suspect with its joint fit, if there is one, and the share explained by both.
+    """A suspect with its joint fit, if there is one, and the shares that they explain.
 
     gain: in log probability of every training recording predicted from the others.
     """
@@ -69,12 +69,12 @@ class Finding:
 
     @property
     def explains(self) -> bool:
-        """Whether its joint fit leaves at most the excess acceptable for a law."""
+        """Whether the excess of its joint fit is acceptable for a law."""
         return self.proposal is not None and self.proposal.trial.record.adequate
 
     @property
     def is_unpredictable(self) -> bool:
-        """Whether no measured quantity predicts it."""
+        """Whether no measured quantity predicts the amplitude."""
         return self.proposal is None and self.suspect.is_unpredictable
 
 
@@ -125,8 +125,9 @@ def joint_fits(investigation: Investigation, base: Trial) -> JointFits:
 def untestable_law(investigation: Investigation, named: Trial, best: Finding) -> str:
     """Return the objection to a name if a law predicts recordings far better.
 
-    With several recordings, halves show whether the law holds, with or without the name. With few
-    recordings they cannot, and the name may only be the nearest approximation to that law.
+    With several recordings, a split test shows whether the law holds, with or without the name.
+    With few recordings, a split is impossible, and the name may only be the nearest approximation
+    to the law.
     """
     count = investigation.selection.linearization.training
     if named is investigation.base or best.proposal is None or count >= CONFIRMATION.fewest_runs:
@@ -146,8 +147,8 @@ def overrule(investigation: Investigation, on_progress: OnProgress) -> Discovery
     """Return a law that predicts recordings better than the named effects.
 
     A name is the effect of the library that explains most. If the missing effect is not in the
-    library, the nearest one may leave only noise. If such a law cannot be confirmed, the name is
-    kept, with a note.
+    library, the residuals of the nearest effect may still be consistent with noise. If such a law
+    cannot be confirmed, the name is kept, with a note.
     """
     diagnosis, first, trial = investigation.diagnosis, investigation.base, investigation.trial
     if diagnosis.answer not in ('named', 'inseparable'):
@@ -204,7 +205,7 @@ def look_for_law(
 ) -> tuple[Discovery, Finding | None]:
     """Return the law for the residuals of a model, and its finding.
 
-    There is no law if recordings do not confirm it, and no finding if no kind predicts any.
+    The law is None if recordings do not confirm it, the finding if no kind predicts any recording.
     """
     selection, search, diagnosis = fits.selection, fits.search, investigation.diagnosis
     unconfirmed = Discovery(searched=True, causes=cause_map(search, fits.base))
@@ -236,8 +237,8 @@ def look_for_law(
 def consider_wandering(fits: JointFits, law: Discovery, best: Finding | None) -> Discovery:
     """Return the confirmed aperiodic course in time, if there is one, or else the law.
 
-    It replaces an unconfirmed law, and a law in time that explains less, because that predicts
-    nothing either.
+    It replaces an unconfirmed law, and a law in time that explains less, because a law in time
+    predicts nothing either.
     """
     if law.found and best is not None and not best.is_unpredictable:
         return law
@@ -273,8 +274,8 @@ def fit_finalists(
 ) -> list[Finding]:
     """Fit the best suspects jointly if a model can follow them, and evaluate them.
 
-    If all of them leave more than a law may, the calibration has absorbed so much that their order
-    means little: then more of them are fitted, also as constants.
+    If the excess of all finalists is too large for a law, the calibration has absorbed so much
+    that the ranking is unreliable; more suspects are then fitted, also as constants.
     """
     findings = []
     for index, suspect in enumerate(suspects[:FINALISTS]):
@@ -304,9 +305,9 @@ def fit_finalists(
 
 
 def measured_part(suspect: Suspect) -> Law | None:
-    """Return the law of a suspect without its terms in time; None if none is left.
+    """Return the law of a suspect without its terms in time; None if no term remains.
 
-    A drift in addition to a predictable law must be small, or the joint fit leaves too much.
+    A drift in addition to a predictable law must be small, because the joint fit cannot follow it.
     """
     law = suspect.law
     kept = [] if law is None else [i for i, term in enumerate(law.terms) if term != ELAPSED]
@@ -329,7 +330,7 @@ def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> 
 
 
 def shortened(finding: Finding, fits: JointFits) -> Finding:
-    """Drop the terms that a finding's law does not need; reduce it to a constant if that fits."""
+    """Drop unnecessary terms of a finding's law; reduce it to a constant if a constant fits."""
     if finding.proposal is None:
         return finding
     shorter = fits.without_idle_terms(finding.proposal)
@@ -405,8 +406,8 @@ def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
 def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
     """Return the p-value of a split test, in which each half predicts the other.
 
-    Position, terms and coefficients are those of one half; 1 if neither half has a law. The other
-    half is fitted independently, because a base fitted to both halves would have the same errors.
+    Position, terms and coefficients are from one half. The other half is fitted independently,
+    because a base fitted to both halves would have common errors. 1 if neither half has a law.
     """
     runs = search.runs
     halves = runs[::2], runs[1::2]
@@ -454,7 +455,7 @@ def block_columns(white: Sequence[Array], runs: Runs) -> list[Array]:
 def tied_kinds(
     best: Finding, findings: Sequence[Finding], suspects: Sequence[Suspect]
 ) -> tuple[str, ...]:
-    """Return the other kinds that explain as much, by joint fits or by left-out gain."""
+    """Return the other kinds that explain equally much, by joint fits or by left-out gain."""
     margin = max(LAW.least_gain, evidence_margin(best.gain))
     fitted = {item.suspect.kind.name: item.gain for item in findings}
     linear = best.suspect.left_out_gain

@@ -58,7 +58,8 @@ class Proposal:
 class JointFits:
     """Joint fits of laws on top of a trial.
 
-    first: the model without effects; base: that to which laws are added; search: around it.
+    first: the model without effects; base: the model to which laws are added; search: around the
+    base.
     """
 
     selection: Selection
@@ -76,8 +77,8 @@ class JointFits:
     def propose_constant(self, kind: Kind) -> Proposal | None:
         """Fit a constant amplitude, and add missing terms.
 
-        A calibration absorbs part of a cause, most of a constant one, and the remainder looks like
-        a law. At first the position is fixed, and several positions are tried.
+        A calibration absorbs a part of any cause and most of a constant one, and the remainder
+        resembles a law. The position is fixed at first, and several positions are tried.
         """
         if CONSTANT not in self.search.covariates or 'constant' not in kind.follows:
             return None
@@ -98,7 +99,7 @@ class JointFits:
         return None
 
     def lengthened(self, proposal: Proposal | None) -> Proposal | None:
-        """Return a fit extended by missing terms while they gain enough."""
+        """Extend a fit by missing terms while the gain is sufficient."""
         for _ in range(ROUNDS):
             if proposal is None:
                 return None
@@ -109,7 +110,7 @@ class JointFits:
         return proposal
 
     def with_missing_terms(self, proposal: Proposal) -> Proposal | None:
-        """Return the fit with missing terms; None if they gain too little."""
+        """Return the fit with missing terms; None if the gain is too small."""
         missing = self.missing_terms(proposal)
         if not missing:
             return None
@@ -122,7 +123,7 @@ class JointFits:
     def without_idle_terms(self, proposal: Proposal) -> Proposal:
         """Remove terms that are not needed to predict the recordings.
 
-        With a wrong position or base, a law appears longer than it is.
+        With a wrong position or base, a law appears to have more terms than it has.
         """
         while len(proposal.terms) > 1:
             count = len(proposal.terms)

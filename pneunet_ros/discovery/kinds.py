@@ -1,9 +1,9 @@
 """Kinds of cause that may act on the arm or its image, each with an amplitude.
 
-A kind is an effect with one amplitude per frame. `method` is the method of the contract of effects
+A kind is an effect with one amplitude per frame. `method` is the method of the effect interface
 (`effects/effect.py`) that it implements, and `code` its return value as Python with `amplitude`
-(for `terms`, the arguments of `Terms`): the field of a unit amplitude, the joint fit of a law and
-the proposed effect file are all made from it (`proposed_effect.py`).
+(for `terms`, the arguments of `Terms`). The field of a unit amplitude, the joint fit of a law and
+the proposed effect file are all generated from this code (`proposed_effect.py`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Native:
 class Kind:
     """One kind of cause.
 
-    subject: beginning of a sentence that ends with the law of its amplitude; unit and prior std
+    subject: beginning of a sentence that ends with the law of the amplitude; unit and prior std
     (SI) of the amplitude for the paper's arm. positions: allowed range along the arm (s / l), None
     without a position; width (s / l): of the part on which it acts. place: as in the contract of
     effects.

@@ -1,4 +1,4 @@
-"""A law of an amplitude: the covariates it depends on, chosen by left-out recordings."""
+"""A law of an amplitude: its covariates, selected by left-out recordings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pneunet_ros.discovery.settings import LAW, MOST_TERMS
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cause:
-    """A kind at a place, ready for laws.
+    """A kind at a place, with the columns of possible laws.
 
     position (s / l), None if it has none; fields (frames, 2 targets) m per unit of amplitude, per
     run; covariates: those that its amplitude may follow; terms: names of the columns, first those

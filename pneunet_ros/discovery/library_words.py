@@ -1,7 +1,7 @@
 """The description of each library effect as a kind of cause.
 
-A law in the words of a named effect agrees with the name, and may add to it. A law in other words
-contradicts the name.
+A law described like a named effect agrees with the name, and may extend it. A law with another
+description contradicts the name.
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ class Discovered:
 
     location (s / l), None without a position; size: parameters of the proposed effect; share of
     the lack of fit that it explains; left_out_gain: in log probability of every training recording
-    predicted from the others; tied_with: kinds that explain as much; effect_file: name of the file
-    of the proposed effect, None if no measured quantity predicts the law; source: its text.
+    predicted from the others; tied_with: kinds that explain equally much; effect_file: name of the
+    file of the proposed effect, None if no measured quantity predicts the law; source: its text.
     """
 
     kind: str
@@ -67,7 +67,7 @@ class CauseMap:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AmplitudeSeries:
-    """The amplitude of a kind in every frame of a recording, estimated freely and by the law.
+    """The amplitude of a kind in every frame of a recording: free estimate, and value of the law.
 
     seconds (frames,) from the start of the recording; value, std and law (frames,) in `unit`.
     """

@@ -1,4 +1,4 @@
-"""Search over all kinds of cause around one fit, each at its best position with its best law."""
+"""Search over all kinds of cause around a fit, each at its best position with its best law."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ class Search:
     def at_best_position(
         self, kind: Kind, found_at: Callable[[float | None], Found | None]
     ) -> Found | None:
-        """Return what is found at the best position of a kind, after refining the position."""
+        """Return the result at the best position of a kind, after refining the position."""
         tried = [(found_at(position), position) for position in self.positions(kind)]
         known = [(item, position) for item, position in tried if item is not None]
         if not known:
@@ -221,8 +221,8 @@ class Search:
     def wandering_suspects(self) -> list[Suspect]:
         """Return the kinds with an aperiodic course, best first.
 
-        Each is at its best position. A kind with a law in measured quantities is described better
-        by that law.
+        Each is at its best position. If a kind has a law in measured quantities, this law
+        describes it better.
         """
         return best_first(
             self.at_best_position(kind, partial(self.swung, kind, periodic=False))

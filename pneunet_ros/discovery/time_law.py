@@ -1,9 +1,9 @@
 """An amplitude that depends on time alone: periodic or aperiodic.
 
 No measured quantity predicts the phase, so a left-out recording is expected to oscillate with the
-period of the others, but with unknown phase: sine and cosine of every recording have a common
-prior. An aperiodic amplitude is a Gaussian process over the time of every recording, with a common
-size and correlation time (Ornstein-Uhlenbeck, rough enough for switching).
+common period but unknown phase: sine and cosine of every recording have a common prior. An
+aperiodic amplitude is a Gaussian process over the time of every recording, with a common size and
+correlation time (Ornstein-Uhlenbeck, which is rough enough for switching).
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ PERIODS = 160  # tried, evenly in frequency
 class Swing:
     """An oscillation: its period (s) and error, the modulation of its amplitude, and its gain.
 
-    periodic: if False, the period is the time over which it changes. size and size_std: rms
-    amplitude over the runs, in units of the kind's prior, at the largest modulation; factors
-    (frames, n): columns of each run, such as sine and cosine.
+    periodic: if False, `period` is the correlation time. size and size_std: rms amplitude over the
+    runs, in units of the kind's prior, at the largest modulation; factors (frames, n): columns of
+    each run, such as sine and cosine.
     """
 
     period: float
@@ -115,7 +115,7 @@ def wandering_courses(seconds: Sequence[Array]) -> Courses:
 def find_wandering(
     frames: PerRunColumns, courses: Courses, prior: float, runs: Runs
 ) -> Swing | None:
-    """Return an aperiodic amplitude; None if none is seen.
+    """Return an aperiodic amplitude; None if there is no evidence for one.
 
     prior: of the amplitude.
     """
