@@ -38,7 +38,7 @@ class Choice:
 
     @property
     def words(self) -> str:
-        """The rivals that it separates best, in words."""
+        """The rivals that the experiment separates best, in words."""
         if not self.divergence:
             return 'to start with' if self.experiment == BEGINNING else 'the next in order'
         pair = max(self.divergence, key=self.divergence.__getitem__)
@@ -66,7 +66,7 @@ def choice_in_order(safe: SafeSet, recorded: Sequence[Experiment]) -> Choice:
 
 
 def allowed(safe: SafeSet) -> tuple[Experiment, ...]:
-    """Return the experiments that the limits allow, each in one of two opposite directions."""
+    """Return the experiments within the limits, each in one of two opposite directions."""
     kept: dict[tuple[tuple[float, ...], ...], Experiment] = {}
     for item in experiments(safe.loaded):
         opposite = tuple((time, share, -x, -y) for time, share, x, y in item.corners)
@@ -127,9 +127,9 @@ def pair_divergences(
 ) -> dict[tuple[str, str], float]:
     """Return the expected divergence of every two rivals, in log probability.
 
-    The sizes of effects are unknown: integrated over them, an effect with expected chi squared c
-    diverges by log(1 + c) / 2 from the model without it (Lindley, 1956). Of two effects, either
-    may be the true one.
+    The sizes of effects are unknown. Integrated over the size, the divergence between an effect
+    with expected chi squared c and the model without it is log(1 + c) / 2 (Lindley, 1956). Of two
+    effects, either may be the true one.
 
     squares (n,): expected square of each size; gained (n, n + 1): chi squared per squared size
     added by an experiment, as in `separations`.

@@ -26,7 +26,7 @@ Record = Callable[[Experiment, SafeSet, int], RecordingData]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Round:
-    """One recording, and the state of knowledge after it.
+    """One recording, and the results after it.
 
     choice: the recorded experiment and its reason; rivals: probabilities of the remaining effects
     by name; predicted: rms (m) of the prediction of this recording by the model of the previous
@@ -47,7 +47,7 @@ class Round:
 
     @property
     def undetectable(self) -> tuple[str, ...]:
-        """Rivals that the recordings so far cannot detect at any plausible size."""
+        """Rivals that are undetectable in the recordings so far at any plausible size."""
         detectable = {} if self.diagnosis is None else self.diagnosis.detectable
         return tuple(
             name
@@ -84,8 +84,8 @@ def explore(
         settings: thresholds and priors.
 
     Yields:
-        Every round, the last one with the answer. It ends when a new recording confirms a name, or
-        when the budget is used up.
+        Every round, the last one with the answer. The exploration ends when a new
+        recording confirms a name, or when the budget is used up.
     """
     runs: list[RecordingData] = []
     choice = Choice(experiment=BEGINNING, seconds=BEGINNING.seconds, rate=0.0, divergence={})
@@ -122,7 +122,7 @@ def explore(
 
 
 def rms_of_last(arm: Arm, runs: Sequence[RecordingData]) -> float:
-    """Return the rms (m) of the prediction of the last run, whose history is that of all."""
+    """Return the rms (m) of the prediction of the last run, with the history of all runs."""
     return score(arm, runs[-1], inputs_of(arm, runs)[-1]).rms
 
 
@@ -142,7 +142,7 @@ def is_clear(rounds: Sequence[Round]) -> bool:
 def diagnosis_settings(count: int) -> DiagnosisSettings:
     """Return the settings of a diagnosis of this many recordings.
 
-    With only the first recording, a name cannot be tested; it is allowed nevertheless, because the
-    next recording will test it.
+    With only the first recording, a name cannot be tested, but is allowed, because the next
+    recording will test it.
     """
     return replace(DEFAULTS, tested=count > 1)

@@ -37,7 +37,8 @@ def trial_in_question(investigation: Investigation) -> Trial:
 def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     """Return the effects that may be missing in addition to those of a trial.
 
-    Effects unobservable so far are tried at the middle of their range, without information.
+    Effects that were unobservable so far are tried at the middle of their range, without
+    information.
     """
     scored = selection.score_candidates(trial)
     known = {*trial.names, *(item.name for item in scored)}
@@ -64,8 +65,8 @@ def rival_probabilities(investigation: Investigation | UnsettledInvestigation) -
     """Return the probability of each effect, and of none, to be missing.
 
     Each is on top of the named effects, or alone without any. A fitted effect is weighted by its
-    evidence, others by their score, as if points were linear in them. An effect that no recording
-    could have shown so far is as probable as none.
+    evidence, others by their score, as if points were linear in them. An effect that was
+    unobservable so far is as probable as no effect.
     """
     if isinstance(investigation, UnsettledInvestigation):
         return {}

@@ -60,9 +60,9 @@ class SafeSet:
         return min(max(float(shares.min()), 0.0), 1.0), min(max(float(shares.max()), 0.0), 1.0)
 
     def within(self, experiment: Experiment) -> Experiment:
-        """Return an experiment with all its forces reduced by one factor, so that they are safe.
+        """Scale all forces of an experiment by one factor that makes them safe.
 
-        Between corners they are as well, because the hull is convex.
+        The forces between corners are then safe too, because the hull is convex.
         """
         if self.hull is None:
             return experiment
@@ -74,7 +74,7 @@ class SafeSet:
         return replace(experiment, corners=tuple(map(tuple, corners.tolist())))
 
     def allows(self, experiment: Experiment) -> bool:
-        """Whether something is left of the forces of an experiment, if it has any."""
+        """Whether the forces of an experiment, if any, are not reduced to zero."""
         return self.within(experiment).loaded == experiment.loaded
 
     def corners(self, experiment: Experiment) -> Array:
@@ -85,9 +85,9 @@ class SafeSet:
 
 
 def share_inside(hull: LoadHull, load: Array) -> float:
-    """Return the largest share, up to 1, of the end load in a load (4,) that is in a hull.
+    """Return the largest factor, up to 1, that scales the end load of a load (4,) into a hull.
 
-    0 where the pressure is outside.
+    0 if the pressure is outside.
     """
     along, rest = hull.scale * load, hull.scale * load
     along[PRESSURE] = rest[:PRESSURE] = 0.0
