@@ -18,8 +18,8 @@ TRANSFORM_TYPE = 'tf2_msgs/msg/TFMessage'
 def decode_imu(message: Any) -> ImuReading:
     """Return specific force and angular velocity of an Imu, unchanged; MessageError if invalid.
 
-    The first number of a covariance is -1 if the IMU does not measure that. An angular velocity
-    that is not finite is none.
+    The first number of a covariance is -1 if the IMU does not measure the quantity. An angular
+    velocity that is not finite counts as not measured.
     """
     with usable(IMU_TYPE):
         force, turn = message.linear_acceleration, message.angular_velocity
@@ -64,7 +64,7 @@ def imu_message(
 def decode_frames(message: Any, *, fixed: bool) -> tuple[FrameReading, ...]:
     """Return the rotations of frames in a TFMessage; MessageError if invalid.
 
-    fixed: whether it comes from /tf_static.
+    fixed: whether the message is from /tf_static.
     """
     with usable(TRANSFORM_TYPE):
         return tuple(

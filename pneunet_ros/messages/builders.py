@@ -51,7 +51,7 @@ class MessageTypes(Protocol):
     """The message classes of one ROS binding."""
 
     def __call__(self, type_name: str, /) -> Callable[..., Any]:
-        """Return the class of a type such as 'nav_msgs/msg/Path'; it takes fields as keywords."""
+        """Return the class of a type such as 'nav_msgs/msg/Path'; its keywords are the fields."""
 
     def sequence(self, values: npt.NDArray[Any], /) -> Any:
         """Return the value for a message field of variable length from a contiguous array."""
@@ -75,7 +75,7 @@ class Input(Generic[ReadingType]):
 
     @property
     def topic(self) -> str:
-        """The topic name as in the node: relative unless it is shared by the whole robot."""
+        """The topic name used by the node: relative unless shared by the whole robot."""
         return f'/{self.name}' if self.shared else self.name
 
 
@@ -121,7 +121,7 @@ def usable(name: str) -> Iterator[None]:
 
 
 def header_stamp(message: Any) -> int:
-    """Return the stamp (ns) of a message's header; 0 if it has no valid one."""
+    """Return the stamp (ns) of a message's header; 0 without a valid stamp."""
     try:
         return nanoseconds(message.header.stamp)
     except UNFIT:

@@ -1,8 +1,8 @@
 """Fast CDR decoding of live sensor messages: a header, then numbers.
 
 Results have only the fields in use. Only plain little-endian CDR is supported, which every
-middleware writes on common computers; None means an unexpected type or layout, which the ROS
-deserializer then handles.
+middleware writes on common computers; None means an unexpected type or layout, which is left to
+the ROS deserializer.
 """
 
 from __future__ import annotations

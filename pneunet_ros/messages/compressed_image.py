@@ -1,7 +1,7 @@
 """Decode jpeg and png images to grey levels; damaged images are rejected.
 
 The decoder fills in missing parts of a damaged jpeg, and allocates memory before it checks the
-size of an image. So the header is read here first, and the decoder's warnings are caught.
+size of an image. Therefore, the header is read first, and the decoder's warnings are caught.
 """
 
 from __future__ import annotations
@@ -83,8 +83,9 @@ def decode_compressed(data: Bytes, *, colored: bool = False, upright: bool = Fal
 def decode_with_messages(data: Bytes, *, colored: bool, upright: bool) -> tuple[Any, bytes]:
     """Decode an image file by OpenCV; returns the image (or None) and the decoder's messages.
 
-    The messages are not printed. upright: whether to turn the image by what a phone noted in the
-    file, as viewers do. Messages are left as stored, because camera_info is of the sensor.
+    The messages are not printed. upright: whether to apply the orientation that a phone stored in
+    the file, as viewers do. Images of messages are not turned, because camera_info refers to the
+    sensor.
     """
     import cv2  # readings do not use it
 

@@ -15,9 +15,9 @@ from pneunet_ros.messages.readings import decode_targets
 def take_targets_message(
     state: ConsistencyState, estimator: Estimator, message: Any
 ) -> tuple[ConsistencyState, Refusal | None]:
-    """Compare a message of targets, or report why it cannot be compared.
+    """Compare a targets message with the estimates, or report why this is impossible.
 
-    If the model has no targets there is nothing to compare.
+    Without targets in the model, there is nothing to compare.
     """
     targets = estimator.arm.target_arclength.size
     if not targets:

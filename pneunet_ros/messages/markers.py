@@ -1,7 +1,7 @@
 """Visualization of an estimate: markers of the arm, and the transform from its base to its tip.
 
-They are not in `OUTPUTS`, because not every ROS installation has their types: node and replay add
-them on request.
+Not in `OUTPUTS`, because not every ROS installation has the message types; node and replay add
+these outputs on request.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
     """Return the points of a PointCloud2 as one record per point, with named fields.
 
     Fields may be in any order and at any offset in a point, in either byte order; fields with more
-    than one number are left out. Raises MessageError if the message is inconsistent.
+    than one number are ignored. Raises MessageError if the message is inconsistent.
     """
     with usable(POINTS_TYPE):
         order = '>' if message.is_bigendian else '<'

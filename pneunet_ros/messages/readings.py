@@ -1,6 +1,6 @@
-"""Sensors: the topic of each, conversion of messages to readings and back, and its numbers.
+"""Sensors: topics, conversion of messages to readings and back, and components.
 
-`SENSORS` is the only list of them, used by all code that replays, checks, exports, imports and
+`SENSORS` is the only list of sensors, used by all code that replays, checks, exports, imports and
 writes recordings. ROS is not imported: a message is anything with the fields of its type, from
 rclpy or decoded from a recording.
 """
@@ -55,14 +55,14 @@ _OF_A_TARGET = ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
 
 class UnusableTopic(MessageError):
-    """No message of this topic is usable, not just not the present one."""
+    """No message of this topic is usable, not only the present one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
     """One number of a reading: name and kind of unit of its column, and how it is displayed.
 
-    optional: whether it may be unknown (NaN).
+    optional: whether the number may be unknown (NaN).
     """
 
     name: str
@@ -76,12 +76,11 @@ class Component:
 class Sensor(Input[ReadingType]):
     """A topic of readings, and its reading as a row of numbers: SI, gauge, base frame.
 
-    label: name of a reading in sentences. components: the numbers in a row; with `per_target` an
-    array for each, with one entry per target, NaN if it was not seen. `message(stamp_ns, row,
-    frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
-    (ns) and row, or raises MessageError; without it, a row consists of those fields of the reading
-    that are named like the components. needed: whether the estimator reads the topic with these
-    settings.
+    label: name of a reading in sentences. components: the numbers in a row; with `per_target`,
+    each is an array with one entry per target, NaN if not seen. `message(stamp_ns, row, frame_id,
+    types)` builds the message of a row. `row(message, settings, targets)` returns stamp (ns) and
+    row, or raises MessageError; without it, a row consists of the fields of the reading with the
+    names of the components. needed: whether the estimator reads the topic with these settings.
     """
 
     label: str
@@ -108,7 +107,7 @@ class Sensor(Input[ReadingType]):
         return (len(self.components), targets) if self.per_target else (len(self.components),)
 
     def present(self, values: Array) -> npt.NDArray[np.bool_]:
-        """Return which of these rows (rows, *row_shape) contain readings."""
+        """Return a mask of the rows (rows, *row_shape) that contain readings."""
         needed = [not component.optional for component in self.components]
         if not any(needed):
             return np.asarray(are_numbers(values).any(axis=1))
@@ -147,7 +146,7 @@ def decode_tip_pose(message: Any) -> TipPoseReading:
 
     An invalid quaternion (all zeros, NaN) means that no heading was measured, and a position of 0,
     0 (the clamp) that no position was measured: an inertial sensor measures only the heading, and
-    motion capture that does not see the tip measures neither.
+    motion capture measures neither if the tip is hidden.
     """
     with usable(TIP_POSE_TYPE):
         position, orientation = message.pose.position, message.pose.orientation
@@ -209,7 +208,7 @@ def targets_message(
 ) -> Any:
     """Build the PointCloud2 of targets at x, y (targets,) m in the base frame, NaN = not seen.
 
-    std: standard error (m) per axis of those seen, NaN = unknown. Fields that need an image are
+    std: standard error (m) per axis of seen targets, NaN = unknown. Fields that need an image are
     NaN.
     """
     places = np.array([x, y], dtype=np.float64)
@@ -227,7 +226,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     """Return the targets in a PointCloud2, in order of their ids, NaN where one was not seen.
 
     x, y may be float32 or float64 and the points in any order; fields other than x, y and id may
-    be missing. Tag trackers write 0, 0 for unseen targets, so this means "not seen", except for a
+    be missing. Tag trackers write 0, 0 for unseen targets, so 0, 0 means "not seen", except for a
     target at the clamp. Raises MessageError for a frame other than `frame_id`, a missing field,
     ids that are not 0, 1, ... once each, and a number of points other than `targets` (None: any).
     """
@@ -433,7 +432,7 @@ def gravity_inputs(source: GravitySource) -> tuple[Input[Any], ...]:
 
 
 def arrival_order(sensors: Iterable[Input[Any]]) -> ArrivalOrder[Any]:
-    """Return the processing order of these sensors, given in the order of ties."""
+    """Return the processing order of these sensors, which are given in the order of ties."""
     return ArrivalOrder([sensor.name for sensor in sensors], PRESSURE.name)
 
 

@@ -1,8 +1,8 @@
-"""Serialized messages filled in place: the same bytes as plain serialization, but much faster.
+"""Serialization in place: the same bytes as plain serialization, but much faster.
 
-Between results, only the stamps and numbers of a message change. Therefore a message with known
-stamps and numbers is serialized once, their offsets are found in its bytes, and then only these
-are filled in.
+From result to result, only the stamps and numbers of a message change. A message with known stamps
+and numbers is therefore serialized once, and their offsets are located in its bytes; afterwards,
+only stamps and numbers are filled in.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CdrTemplate:
     row: np.dtype[np.void]
 
     def fill(self, stamp_ns: int, numbers: npt.NDArray[Any]) -> bytes:
-        """Return the message with this stamp (ns) and these numbers, a row per first index."""
+        """Return the message with this stamp (ns) and these numbers, one row per first index."""
         raw = bytearray(self.raw)
         if len(self.stamps) == 1:
             place = _BODY + 4 * int(self.stamps[0, 0])

@@ -1,4 +1,4 @@
-"""The message `targets`: one point per target, written by the tracker and read by all others."""
+"""The message `targets`: one point per target, written by the tracker and read by other nodes."""
 
 from __future__ import annotations
 

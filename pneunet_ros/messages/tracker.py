@@ -1,7 +1,6 @@
 """ROS messages of images, lenses and tracker outputs: the table of its topics.
 
-A message is anything with the fields of its type. To add an output, add one entry to the table at
-the end.
+A message is anything with the fields of its type. An output is one entry in the table at the end.
 """
 
 from __future__ import annotations
