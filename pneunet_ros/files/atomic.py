@@ -1,9 +1,9 @@
 """Atomic output: files and folders appear complete or not at all.
 
-Everything is written under a hidden name next to its final path, and moved there at the very end.
-An exception or interrupt leaves nothing behind. A kill leaves only the hidden scratch folder,
-which the next run that writes there removes. A live run holds a lock on its scratch folder; the
-system releases it when the run ends, however it ends.
+Output is written under a hidden name next to its final path, and moved there at the very end. An
+exception or interrupt leaves nothing behind. A killed process leaves only the hidden scratch
+folder, which the next run that writes there removes. A running process holds a lock on its scratch
+folder, which the system releases when the process ends for any reason.
 """
 
 from __future__ import annotations
@@ -150,8 +150,7 @@ _TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', def
 def outputs_written() -> list[str]:
     """Return the finished outputs of this process, as the user named them.
 
-    An interrupt may occur between renaming and recording the name, so the files are checked on
-    disk.
+    Checked on disk, because an interrupt may occur between renaming a file and recording its name.
     """
     return [
         path for path, final, number in _PUT if final.exists() and final.stat().st_ino == number
@@ -229,7 +228,7 @@ def _lock(lock: int) -> bool:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Remove the scratch folders of killed runs, which no process holds."""
+    """Remove the scratch folders of killed runs, which no process has locked."""
     for scratch in parent.glob(f'{SCRATCH}*{PARTIAL}'):
         try:
             lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

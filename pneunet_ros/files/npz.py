@@ -45,7 +45,7 @@ class ArchiveError(PneunetError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declared:
-    """Requirements for an array of an archive.
+    """Declaration of an array of an archive.
 
     axes: a name for the size of each axis; axes with the same name have the same size. Numbers are
     finite and below 1e30 in magnitude. increasing: strictly. definite: a covariance or information

@@ -1,4 +1,4 @@
-"""Open files for reading, but only regular ones: a pipe may block, a device may never end."""
+"""Open regular files for reading; pipes may block, and devices may never end."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ Built = TypeVar('Built')
 
 
 class PlainConstructor(SafeConstructor):
-    """YAML constructor for plain values only: merge keys could grow without bound."""
+    """YAML constructor for plain values, without merge keys, which could grow without bound."""
 
     def flatten_mapping(self, node: Any) -> None:
         """Reject merge keys."""
@@ -163,7 +163,7 @@ class YamlFile:
     def numbers_of(
         self, owner: type, content: Any, where: str, other_keys: tuple[str, ...] = ()
     ) -> dict[str, float]:
-        """Return the fields of a dataclass from a mapping; those with a default are optional.
+        """Return the fields of a dataclass from a mapping; fields with a default are optional.
 
         other_keys: further keys that the mapping may have; they are ignored.
         """
