@@ -28,9 +28,9 @@ FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
 
 
 def own_files(path: Path) -> tuple[str, ...]:
-    """Return patterns of the files that belong to a recording at a folder, and to nothing else.
+    """Return patterns of the files that belong only to the recording at a folder.
 
-    These are the metadata, the files that it lists, and those that are named after the folder.
+    The metadata, the files listed in it, and files named after the folder.
     """
     listed_files: list[str] = []
     if (path / METADATA).exists():
@@ -41,7 +41,7 @@ def own_files(path: Path) -> tuple[str, ...]:
 
 
 def stored_files(path: Path) -> list[Path]:
-    """List the files of a recording in order: `path` itself, or those of its folder.
+    """List the files of a recording in order: `path` itself, or the files of its folder.
 
     A folder NAME without metadata is a recording if it contains one file, or parts with the names
     of rosbag2, NAME_0.mcap, NAME_1.mcap. Raises RecordingError if there is no recording, or if its
@@ -81,9 +81,9 @@ def stored_files(path: Path) -> list[Path]:
 
 
 def unread_parts(path: Path, messages: int) -> Iterator[Note]:
-    """Report parts of a recording that are missing, or that its metadata do not list.
+    """Report parts of a recording that are missing, or not listed in its metadata.
 
-    messages: how many its files contain.
+    messages: number of messages in its files.
     """
     if not path.is_dir():
         return

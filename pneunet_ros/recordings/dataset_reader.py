@@ -50,9 +50,9 @@ def read_run(
 
     A frame is matched with the pressure reading and the end wrench with the nearest header stamp
     within half a median period; frames without a match, without a seen target, or during a jump of
-    the pressure are left out. Without a wrench topic, or with `wrench_required` false, nothing was
-    attached; a wrench that never changes, or that of a string, is a known load, not a reading.
-    Without a pressure topic the arm has no pressure. The pose of the tip is matched with the
+    the pressure are excluded. Without a wrench topic, or with `wrench_required` false, nothing was
+    attached; a constant wrench, or that of a string, is a known load, not a reading. Without a
+    pressure topic, the pressure of the arm is zero. The pose of the tip is matched with the
     nearest frame.
 
     Args:
@@ -60,7 +60,7 @@ def read_run(
         targets: number of targets of the arm.
         overrides: full topic name by last name.
         settings: meaning of the readings (sign and yaw of the wrench, gauge or absolute pressure).
-        gravity of the model, and whether a sensor measures it.
+        gravity: of the model, and whether a sensor measures it.
 
     Returns:
         The recording (Pa gauge; N, N m, m in the base frame), and sentences on omitted data.
@@ -130,7 +130,7 @@ def tip_frame(recording: Recording, topic: str | None, settings: EstimatorSettin
 def is_constant(values: Array) -> bool:
     """Whether a load (readings, 3) is bit-identical throughout, and not zero.
 
-    No sensor reads like this, so the load is a known weight that was entered by hand.
+    A sensor never reads constant values, so the load is a known weight that was entered by hand.
     """
     return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 
@@ -138,7 +138,7 @@ def is_constant(values: Array) -> bool:
 def _topics(
     recording: Recording, overrides: Mapping[str, str], settings: EstimatorSettings
 ) -> tuple[dict[str, str], bool]:
-    """Return the topic of each sensor, and whether that of the end wrench is a string's."""
+    """Return the topic of each sensor, and whether the end wrench is that of a string."""
     sensors: list[Sensor[Any]] = [
         PRESSURE,
         TIP_POSE,
@@ -162,7 +162,7 @@ def _topics(
 def _without_empty(
     path: str | Path, series: Mapping[str, ReadingSeries], sentences: list[str]
 ) -> dict[str, ReadingSeries]:
-    """Return the series with readings; only a tip pose beside targets may have none."""
+    """Return the series with readings; only a tip pose in addition to targets may be empty."""
     seen = series.get(TARGETS.name)
     found: dict[str, ReadingSeries] = {}
     for name, item in series.items():
@@ -186,8 +186,8 @@ def _frames(
 ) -> tuple[ReadingSeries, Array, Array | None]:
     """Return the stamps of frames, targets (frames, 2, targets) and tip (frames, 3).
 
-    A pose of the tip belongs to the frame with the nearest stamp; without a topic of targets, each
-    pose is a frame.
+    A tip pose belongs to the frame with the nearest stamp; without a targets topic, each pose is a
+    frame.
     """
     poses = series.get(TIP_POSE.name)
     if TARGETS.name not in series:
@@ -227,7 +227,7 @@ def _match_load(
     by_string: bool,
     keep: npt.NDArray[np.bool_],
 ) -> tuple[Array, bool, npt.NDArray[np.bool_]]:
-    """Return the end load (frames, 3), whether it is a known one, and the remaining frames."""
+    """Return the end load (frames, 3), whether it is a known load, and the remaining frames."""
     if wrench is None:
         return np.zeros((len(frames.stamp_ns), 3)), False, keep
     at, keep = _match(sentences, frames, wrench, keep)

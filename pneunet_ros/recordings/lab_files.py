@@ -165,7 +165,7 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
 def read_truth(path: Path) -> ShapeSeries:
     """Return the true shapes of a recording of the lab; RecordingError if it is not a truth.
 
-    The stations of a truth from elsewhere, which has no scenario, may end before the tip.
+    The stations of a truth from another source, which has no scenario, may end before the tip.
     """
     try:
         arrays = read_arrays(path, TRUTH)

@@ -1,6 +1,6 @@
 """Size limits of recordings; sizes declared in a file are not trusted.
 
-A recording beyond them is damaged, or made to exhaust memory.
+A recording that exceeds them is damaged, or designed to exhaust memory.
 """
 
 LARGEST_CHUNK = 100_000_000  # bytes, also of a message: a raw image of 8K

@@ -1,7 +1,7 @@
-"""Contents of an MCAP file, found in one pass, and its messages.
+"""Contents of an MCAP file, determined in one pass, and its messages.
 
-Complete, unindexed (`fastwrite`) and truncated files have the same description, so readers of
-messages need not distinguish them. Every existing checksum is verified: damaged parts are left out
+Complete, unindexed (`fastwrite`) and truncated files have the same description, so that readers of
+messages need not distinguish them. Every existing checksum is verified; damaged parts are skipped
 and listed in `McapFile.damage`.
 """
 
@@ -49,7 +49,7 @@ LATEST_LOG_TIME = 2**63 - 1  # ns, in the year 2262
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """A part of a file that is read at once: offset and length in bytes, log times, channels.
+    """A part of a file that is read as a whole: offset and length in bytes, log times, channels.
 
     `loose`: consecutive records outside of chunks, rather than the record of one chunk.
     """
@@ -81,7 +81,7 @@ def open_mcap(path: Path, name: Path | None = None) -> McapFile:
     """Scan the contents of a file; name: its name in messages, if it is a copy.
 
     Raises RecordingError if it cannot be read, is not an MCAP file, or exceeds the size limits; a
-    truncated or damaged file is not an error, but is described as far as possible.
+    truncated or damaged file is not an error and is described as far as possible.
     """
     name = name or path
     try:

@@ -1,6 +1,6 @@
 """The records of an MCAP file: their layout, their checksums, and the content of chunks.
 
-Lengths in a file are never trusted: it may be damaged, or made to exhaust memory.
+Lengths in a file are never trusted, because it may be damaged or designed to exhaust memory.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ class UnknownCompression(RecordingError):
 def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of every complete record in `data`.
 
-    The StreamReader of the library trusts lengths. It takes 22 us to read a message, this takes 10
-    us (measured on estimates of 57 stations).
+    Replaces the StreamReader of the library, which trusts lengths and is half as fast.
     """
     position, size = 0, len(data)
     while position + RECORD_HEAD.size <= size:
@@ -63,7 +62,7 @@ def message_head(data: bytes | memoryview, start: int, end: int) -> tuple[int, i
 
 
 def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
-    """Return the records of a chunk; of a truncated one, the available part.
+    """Return the records of a chunk, or the available part of a truncated chunk.
 
     Raises one of DAMAGE if the content is damaged, UnknownCompression if the compression is
     unknown.
@@ -106,8 +105,8 @@ def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
 def write_checksums(path: Path) -> None:
     """Write the CRC-32 of every chunk, of the data section and of the summary into a file.
 
-    rosbags writes no checksums, and without them damage would not be noticed. Each checksum covers
-    the range that the specification of MCAP defines.
+    rosbags writes no checksums, without which damage would go unnoticed. Each checksum covers the
+    range defined by the MCAP specification.
     """
     with path.open('r+b') as stream:
         position = len(MAGIC)

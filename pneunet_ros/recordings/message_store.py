@@ -1,6 +1,6 @@
 """Message classes and serialization for recordings with rosbags: ROS 2 Jazzy without ROS.
 
-The types of Jazzy are built in; others are learned from their definition in the recording.
+The types of Jazzy are built in; other types are registered from their definition in the recording.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ def serialize(message: Any, type_name: str) -> bytes:
 
 @cache
 def store_for(type_name: str, definition: str) -> Typestore:
-    """Return the types for reading a topic: those of Jazzy if equal, or its own.
+    """Return the types for reading a topic: those of Jazzy if identical, or its own.
 
     definition: the schema in the recording, '' if it has none. Raises RecordingError if the type
-    is not known and cannot be learned.
+    is unknown and cannot be registered.
     """
     store = jazzy()
     if not definition:

@@ -30,7 +30,7 @@ SQLITE_MAGIC = b'SQLite format 3\0'
 
 
 def plain_mcap(path: Path) -> Path:
-    """Return a file of a recording, or a plain MCAP copy if it is packed or sqlite3.
+    """Return a file of a recording, or a plain MCAP copy if it is compressed or sqlite3.
 
     Raises RecordingError if there is no room for the copy, or the file is damaged.
     """
@@ -78,7 +78,7 @@ def _copy(path: Path, changed_ns: int, size: int) -> Path:
 def _with_log(database: Path, folder: Path) -> Path:
     """Return a database, or a copy of it if its write-ahead log contains messages.
 
-    SQLite writes next to a database with such a log even when only reading.
+    SQLite writes next to a database with such a log even when reading.
     """
     log = _log(database)
     if not log.exists() or not log.stat().st_size:
@@ -93,7 +93,7 @@ def _log(database: Path) -> Path:
 
 
 def _unpack(path: Path, plain: Path) -> None:
-    """Unpack a file up to the size limit; of a truncated file, its beginning."""
+    """Decompress a file up to the size limit, or the beginning of a truncated file."""
     remaining = ALWAYS_UNPACKED + MOST_EXPANSION * path.stat().st_size
     with open_regular(path) as packed, plain.open('wb') as target:
         try:

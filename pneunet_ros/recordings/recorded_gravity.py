@@ -54,7 +54,7 @@ def mounted(
 ) -> EstimatorSettings:
     """Return settings with the mounting of the accelerometer, if the recording gives it.
 
-    It is taken from /tf_static, unless the settings or its frame define it.
+    The mounting is read from /tf_static, unless the settings or its frame define it.
     """
     topic = find_series(recording, BASE_IMU, overrides, required=False)
     fixed = find_series(recording, FIXED_FRAMES, overrides, required=False)
@@ -77,10 +77,10 @@ def read_gravity(
     settings: EstimatorSettings,
     gravity: Gravity,
 ) -> RecordedGravity | None:
-    """Return the recorded direction of gravity; None if that of the model applies.
+    """Return the recorded direction of gravity; None if the direction of the model applies.
 
-    gravity: that of the model. Raises RecordingError if a recorded direction is required but none
-    is usable.
+    gravity: of the model. Raises RecordingError if a recorded direction is required but none is
+    usable.
     """
     source = GravitySource(settings=settings, gravity=gravity)
     inputs = {sensor.name: sensor for sensor in gravity_inputs(source)}

@@ -45,7 +45,7 @@ class ReadingSeries:
 
     values (readings, *sensor.row_shape): pressure (readings, 1) Pa gauge; end_wrench (readings, 3)
     N, N, N m in the base frame; targets (readings, 2, targets) m, NaN where not seen; tip_pose
-    (readings, 3) m, m, rad, NaN where not measured. `left_out` counts the other readings by
+    (readings, 3) m, m, rad, NaN where not measured. `left_out` counts the dropped readings by
     reason.
     """
 
@@ -63,7 +63,7 @@ class ReadingSeries:
         return float(np.median(np.diff(self.stamp_ns))) * 1e-9
 
     def sentences(self) -> tuple[Note, ...]:
-        """Describe how many readings were left out, and why."""
+        """Describe the number of dropped readings, and the reasons."""
         return tuple(
             Note(
                 f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} left out, '
@@ -102,10 +102,11 @@ def find_series(
 def without_other_arms(
     recording: Recording, candidates: Iterable[str], overrides: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Return the candidates but those of other arms.
+    """Return the candidates, excluding topics of other arms.
 
-    A topic that is named where there are several means one arm: its namespace, not theirs. A
-    namespace with nothing else in it is that of a sensor, such as a valve.
+    If one of several topics is named explicitly, its namespace identifies the arm, and topics in
+    the namespaces of other arms are excluded. A namespace with a single topic belongs to a sensor,
+    such as a valve, not to another arm.
     """
     types = {topic.name: topic.type for topic in recording.topics}
     for name, topic in overrides.items():
@@ -196,7 +197,7 @@ def read_series(
 def _in_order(
     sensor: Sensor[Any], topic: str, stamps: Sequence[int], rows: Sequence[Array], unreadable: int
 ) -> ReadingSeries:
-    """Keep the readings in sequence, according to the rules of the estimator.
+    """Keep the readings in sequence, by the rules of the estimator.
 
     If time jumps back by more than a second, the longest interval between jumps is kept.
     """
@@ -233,10 +234,10 @@ def _in_order(
 
 
 def nearest(stamp_ns: Stamps, series: ReadingSeries) -> tuple[Stamps, npt.NDArray[np.bool_]]:
-    """Return the index of the reading nearest to each stamp, and whether the two match.
+    """Return the index of the reading nearest to each stamp, and whether it matches.
 
-    They match within half the median period of the readings (a single reading: at the same stamp).
-    The series must not be empty.
+    A reading matches within half the median period of the readings (a single reading: at the same
+    stamp). The series must not be empty.
     """
     reach = 0.5e9 * (series.period if len(series.stamp_ns) > 1 else 0.0)
     return match_stamps(stamp_ns, series.stamp_ns, reach)

@@ -37,7 +37,7 @@ class StampedRows(NamedTuple):
 
 
 def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
-    """Read the shapes of a recording: the estimated ones or, if there are none, the measured ones.
+    """Read the shapes of a recording: estimates or, if there are none, measurements.
 
     overrides: full topic names by SHAPE_TOPICS; they also choose between estimates and
     measurements if a recording has both. target_arclength (targets,) m: positions of the targets.
@@ -188,7 +188,7 @@ def read_pressures(recording: Recording) -> Pressures | None:
 def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) -> StampedRows:
     """Return the numbers of every message of a topic, in the order of their header stamps.
 
-    Of several messages with equal stamps, the first counts. Raises RecordingError if a message is
+    Of several messages with equal stamps, the first is used. Raises RecordingError if a message is
     unusable.
     """
     stamps: list[int] = []

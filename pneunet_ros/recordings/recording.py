@@ -86,7 +86,7 @@ class Recording:
     def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
         """List the topics of this type with this last name (or names like 'image_raw/compressed').
 
-        An estimated wrench is not a reading: it is used only by its full name.
+        An estimated wrench is not a reading and is selected only by its full name.
         """
         return tuple(
             topic.name
@@ -107,7 +107,7 @@ class Recording:
 
         types: type by last name; the first one is used by `--topic`. override: its full name, if
         given; the topic may then have any of the types. label: describes several candidates, e.g.
-        'with images'; None: names and types describe them. Raises RecordingError listing the
+        'with images'; None: described by names and types. Raises RecordingError listing the
         candidates if there are several, or the existing topics if there is none.
         """
         option = f'--topic {next(iter(types))}='
@@ -214,7 +214,7 @@ def open_recording(path: str | Path) -> Recording:
     """Open a file of rosbag2 (.mcap, .db3, also packed by zstd) or a folder of such files.
 
     Raises RecordingError if there is none, or if its files are of another kind. Truncated files
-    are read as far as possible, and channels without ROS 2 messages are left out; `sentences`
+    are read as far as possible, and channels without ROS 2 messages are skipped; `sentences`
     reports both.
     """
     path = Path(path)

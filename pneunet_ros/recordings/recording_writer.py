@@ -59,10 +59,10 @@ PLAYBACK_QOS = {
 
 
 class MessageStorage(McapWriter):
-    """The MCAP file of rosbags, to whose chunks messages are added in one piece."""
+    """The MCAP file of rosbags, with messages added to its chunks as a whole."""
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
-        """Write a message, six times as fast as field by field."""
+        """Write a message as a whole, six times as fast as field by field."""
         filled = self.chunk.bio.tell()
         if filled and filled + MESSAGE.size + len(data) > LARGEST_CHUNK:
             self.close_chunk()
@@ -88,15 +88,15 @@ class RecordingWriter:
     __slots__ = ('_connections', '_path', '_storage')
 
     def __init__(self, path: Path, storage: MessageStorage) -> None:
-        """Write into an open file; `path`: its name as the user gave it."""
+        """Write into an open file; `path`: its name as given by the user."""
         self._path, self._storage = path, storage
         self._connections: list[Connection] = []
 
     def add(self, topic: str, type_name: str, definition: str = '') -> Connection:
         """Add a topic, and return the handle for writing to it.
 
-        definition: that of a type not in ROS 2 Jazzy, as in a recording. Raises RecordingError if
-        the type is unknown, or if the topic was added before.
+        definition: of a type not in ROS 2 Jazzy, as in a recording. Raises RecordingError if the
+        type is unknown, or if the topic was added before.
         """
         store = store_for(type_name, definition)
         if any(connection.topic == topic for connection in self._connections):
@@ -232,7 +232,7 @@ def yaml_scalar(value: Any) -> str:
 
 
 def check_name(path: Path) -> None:
-    """Reject the name of another kind of file; the name of a folder may end in a date, 25.11."""
+    """Reject the suffix of another kind of file; the name of a folder may end in a date, 25.11."""
     if path.suffix != BARE_SUFFIX and any(letter.isalpha() for letter in path.suffix):
         raise RecordingError(
             f'{path} cannot be written: a recording is either an {BARE_SUFFIX} file, or a folder '

@@ -46,7 +46,7 @@ def _natural(file: Path) -> tuple[tuple[int, int, str], ...]:
 def folder_images(
     folder: Path, camera_info: str | None, rate: float | None, *, colored: bool = False
 ) -> ImageStream:
-    """Read a folder of images in natural order of their names, `rate` (30) per second.
+    """Read a folder of images in natural order of their names, at `rate` (30) per second.
 
     camera_info: file with the lens, or 'none'; None: a camera_info.yaml or ost.yaml in the folder;
     colored: read colors instead of brightness. Raises RecordingError without images and

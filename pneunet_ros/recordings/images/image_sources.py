@@ -122,7 +122,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
 
 
 def find_info_topic(recording: Recording, image_topic: str, override: str | None) -> str:
-    """Return the camera_info topic; of several, the one in the namespace of the images.
+    """Return the camera_info topic; if there are several, the one in the namespace of the images.
 
     Raises RecordingError if there is none, or if the choice is ambiguous.
     """
@@ -148,7 +148,7 @@ def _recorded_items(
     other_topics: Collection[str],
     colored: bool,
 ) -> Iterator[StreamItem]:
-    """Yield the messages of these topics; undecodable ones carry an error."""
+    """Yield the messages of these topics; undecodable messages carry an error."""
     decoded = [name for name in (info_topic, image_topic) if name is not None]
     topics = {name: recording.topic(name) for name in decoded}
     stores = {name: store_for(topic.type, topic.definition) for name, topic in topics.items()}

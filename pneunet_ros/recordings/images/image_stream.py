@@ -43,7 +43,7 @@ class ImageStream:
     log time order; at equal log times camera_info comes first. `image_topic`: real or nominal name
     of the image topic; `lens_source`: source of the lens. `frames`: expected number of images;
     `clock`: description of the source of their stamps; `turned`: whether the images (of a folder:
-    the first) were turned to be upright.
+    the first image) were turned upright.
     """
 
     kind: str
@@ -86,7 +86,7 @@ def with_lens(items: Iterator[StreamItem], lens: Lens | None) -> Iterator[Stream
 
 
 def stamp_at(index: int, rate: float) -> int:
-    """Return the stamp (ns) of a frame; the first one has 1, because 0 means no stamp."""
+    """Return the stamp (ns) of a frame; the first stamp is 1, because 0 means no stamp."""
     return 1 + round(index * NANOSECONDS_PER_SECOND / rate)
 
 

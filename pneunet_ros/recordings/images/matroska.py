@@ -1,7 +1,7 @@
 """Detects Matroska and WebM files, and whether one is cut off.
 
-They have no frame count, and their duration is the end of the last frame on a clock with an
-arbitrary start. However, the segment, which contains everything else, states its size in bytes.
+These files have no frame count, and their duration is the end of the last frame on a clock with an
+arbitrary start. However, the segment, which contains all data, states its size in bytes.
 """
 
 from __future__ import annotations

@@ -50,8 +50,9 @@ def silence() -> Iterator[None]:
 def video_images(path: Path, camera_info: str | None, rate: float | None) -> ImageStream:
     """Read the frames of a video, at the presentation times in the file.
 
-    rate: frames per second to use instead, as for a file without times. camera_info: file with the
-    lens, or 'none'. Raises RecordingError if it is not a video and RequestError without a lens.
+    rate: frames per second to use instead, for example for a file without times. camera_info: file
+    with the lens, or 'none'. Raises RecordingError if it is not a video and RequestError without a
+    lens.
     """
     checked_rate(rate)
     if not path.is_file():
@@ -96,11 +97,11 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
 
 
 def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
-    """Describe how a video ends too early, '' if it does not.
+    """Describe the truncation of a video; '' if it is complete.
 
     read: number of readable frames; last: position of the last one, counted at the rate of the
-    file; frames: number stated in the file. An AVI also counts frames that a variable rate omits,
-    and a Matroska file counts none.
+    file; frames: number stated in the file. The number in an AVI includes frames omitted by a
+    variable rate; a Matroska file states none.
     """
     if is_matroska(path):
         return f'the file is cut off, {read} frames can be read' if is_cut(path) else ''
