@@ -47,7 +47,7 @@ class Clock:
     def seconds(self, text: str, line: int) -> str:
         """Return seconds (since 1970 if there is a date), or the text if it is not a time.
 
-        A date that can be read in both orders is read with the day first; see `shifts`.
+        A date that is valid in both orders is read with the day first; see `shifts`.
         """
         match = _TIME_OF_DAY.fullmatch(text)
         if match is None:
@@ -85,8 +85,8 @@ class Clock:
     def shifts(self) -> dict[int, int]:
         """Return seconds to add to the times of these lines, because the month comes first.
 
-        One order holds for all dates: the only possible one, or else the one in which they
-        increase, over less time; the day first if they are all of one day.
+        One order holds for all dates: the only possible order, or else the order in which the
+        dates increase over the shorter time; day first if all are of one day.
         """
         day_first, month_first = (order.rank() for order in self._orders)
         return self._shifts if month_first < day_first else {}
@@ -105,7 +105,7 @@ class Clock:
 
 
 class _Order:
-    """An order of day and month: whether all dates are possible in it, and how they follow."""
+    """An order of day and month: whether all dates are valid in it, and whether they increase."""
 
     __slots__ = ('_decreases', '_highest', '_latest', '_lowest', 'possible')
 
@@ -114,7 +114,7 @@ class _Order:
         self._lowest, self._highest, self._latest = math.inf, -math.inf, -math.inf
 
     def take(self, seconds: Decimal | None) -> None:
-        """Take the next time; None: its date is not possible."""
+        """Add the next time; None: its date is invalid."""
         if seconds is None:
             self.possible = False
             return
@@ -124,7 +124,7 @@ class _Order:
         self._latest = time
 
     def rank(self) -> tuple[bool, bool, float]:
-        """Return what is lowest for the most plausible order."""
+        """Return a sort key, lowest for the most plausible order."""
         return not self.possible, self._decreases, self._highest - self._lowest
 
 
@@ -150,7 +150,7 @@ def _days(text: str) -> tuple[int | None, int | None]:
     """Return days since 1970 of 2026-11-22, 2026/11/22, 22.11.2026, 11/22/2026 or 22-Nov-2026.
 
     Two numbers: with the day before the month, and with the month before the day, which differ
-    only for 3/4/2026. None if the date is not possible.
+    only for dates such as 3/4/2026. None for an invalid date.
     """
     parts = re.split(r'[-./]', text)
     first, second, third = (

@@ -156,7 +156,7 @@ def standard_name(name: str) -> str:
 
 
 def is_known(name: str) -> bool:
-    """Whether a column is recognized in any spelling, even if it is then ignored."""
+    """Whether a column name is recognized in any spelling, even if the column is then ignored."""
     return _is_known(_plain(name))
 
 
@@ -183,7 +183,7 @@ def _words(name: str) -> list[str]:
 
 
 def _without_reference(words: list[str]) -> tuple[list[str], str]:
-    """Separate the words for a pressure from those for its reference, '' if there are none."""
+    """Separate the words for a pressure from the words for its reference, '' if there are none."""
     *head, last = words
     units = SI_PER_UNIT['pressure']
     if last not in units and last[:-1] in units and last[-1] in 'ag':
@@ -328,7 +328,7 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
 
 
 def _unknown_columns(names: list[str], present: Collection[str]) -> str:
-    """Name all unknown columns, and the options to type.
+    """Name all unknown columns, and the options to use.
 
     present: the quantities that known columns already provide.
     """

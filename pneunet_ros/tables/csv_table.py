@@ -79,10 +79,10 @@ class CsvTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Header:
-    """The line of names: its cells as in the file, and renamed; the separator, and what follows.
+    """The header line: its cells as in the file, and renamed; the separator; the rows that follow.
 
-    above: number of lines of the file above this line; preamble: the lines below it, as far as
-    they were read to understand it; reader: all rows below it.
+    above: number of lines of the file above this line; preamble: the lines below it that were read
+    to interpret it; reader: all rows below it.
     """
 
     names: list[str]
@@ -249,7 +249,7 @@ def _check_places(
     places: Mapping[str, int],
     check_names: Callable[[Collection[str]], object],
 ) -> None:
-    """Check the names; if they are refused, because of the form of the table if possible."""
+    """Check the names; prefer an error about the form of the table."""
     try:
         check_names(places)
     except RecordingError:
@@ -293,7 +293,7 @@ def _check_size(path: Path, rows: int, columns: int) -> None:
 def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -> None:
     """Reject a mark that is used both for decimals and, apparently, for thousands.
 
-    seen: where each mark was first used for decimals or, apparently, thousands; updated.
+    seen: where each mark was first used for decimals or, apparently, thousands; updated in place.
     """
     marks = [mark for mark in '.,' if mark in written]
     if len(marks) != 1 or ':' in written:  # a time of day, or no number
@@ -335,7 +335,7 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
 def _rows(
     path: Path, header: _Header, cut: bool, left_out: list[str]
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield rows of as many cells as names with their line numbers; skips empty lines.
+    """Yield rows with one cell per name, with their line numbers; skips empty lines.
 
     cut: whether the file ends without a newline. left_out: notes on comments and on an incomplete
     last row are appended.

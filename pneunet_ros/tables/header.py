@@ -84,8 +84,8 @@ def lines_from_names(
 def _names_in(comments: list[str], mark: str, columns: int, request: TableRequest) -> list[str]:
     """Return the comment with the column names, including the next line if it has their units.
 
-    A comment with a cell for each column is preferred, then one with more known names, then the
-    last. Without any known name a comment must contain one similar to a known one.
+    A comment with a cell for each column is preferred, then the comment with more known names,
+    then the last. Without any known name, a comment must contain a name similar to a known one.
     """
     best, found = (False, 0), list[str]()
     cells = [_cells(comment, mark) for comment in comments]
@@ -114,7 +114,8 @@ def _is_number(cell: str) -> bool:
 def units_below(header: Sequence[str], cells: Sequence[str], request: TableRequest) -> list[str]:
     """Return the units of all columns from the line below the names; empty if it has none.
 
-    Such a line has a unit in at least one of the columns to be read, and no digits in the others.
+    A line of units has a unit in at least one of the columns to be read, and no digits in the
+    others.
     """
     left_out = {'', *request.ignore, *request.select}
     units = [cell.strip() for cell in cells]
@@ -193,7 +194,7 @@ def with_clock(
 ) -> list[str]:
     """Return the column names with the time column named, if exactly one has dates or times.
 
-    Such a column is unambiguous, whatever its name. left_out: indices of columns that are not
+    Such a column is unambiguous regardless of its name. left_out: indices of columns that are not
     read; preamble: the lines below the names. A date that is the same in all rows is not a time.
     The names are unchanged if a column is already known as the time.
     """
@@ -221,7 +222,7 @@ def _is_time_column(name: str) -> bool:
 def ask_about_time(
     path: Path, places: Mapping[str, int], preamble: Sequence[str], mark: str
 ) -> None:
-    """Ask which column is the time if none has such a name but one increases from row to row.
+    """Ask for the time column if none has such a name but one increases from row to row.
 
     places: column indices by name; preamble: the lines below the names.
     """
@@ -271,7 +272,7 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _last_text(lines: Sequence[Sequence[str]]) -> int | None:
-    """Return the last line of text alone; one with numbers as well is a row with a remark."""
+    """Return the last line of text only; a line that also has numbers is a row with a remark."""
     texts = [place for place, cells in enumerate(lines) if not any(map(_is_number, cells))]
     return max((place for place in texts if any(lines[place])), default=None)
 

@@ -34,7 +34,7 @@ class Place:
     zero: bool = False
 
     def rows(self, numbers: Mapping[str, Array], value: float) -> npt.NDArray[np.bool_]:
-        """Return the rows in which this number stands for no reading, (rows,)."""
+        """Return the rows in which this number means "no reading", (rows,)."""
         if value == 0.0 and not self.zero:
             return np.zeros(numbers[self.names[0]].size, dtype=bool)
         return np.asarray(np.all([numbers[name] == value for name in self.deciding], axis=0))
@@ -60,8 +60,8 @@ def ask_for_placeholders(
 ) -> None:
     """Reject a table with numbers that seem to mean "no reading", and name the option to use.
 
-    A placeholder occurs in some rows only. In a pair of coordinates it is obvious; a single number
-    must be far from all others in its column.
+    A placeholder occurs in some rows only. In a pair of coordinates, it is unambiguous; a single
+    number must be far from all others in its column.
     """
     for place in places_of(columns, numbers):
         found = [value for value in PLACEHOLDERS if _stands_for_nothing(place, numbers, value)]
@@ -98,7 +98,7 @@ def places_of(columns: Sequence[Column], numbers: Mapping[str, Array]) -> Iterat
 
 
 def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float) -> bool:
-    """Whether a number seems to stand for "no reading" in these columns."""
+    """Whether a number seems to mean "no reading" in these columns."""
     rows = place.rows(numbers, value)
     if not rows.any():
         return False
@@ -114,13 +114,13 @@ def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float
 
 
 def _is_apart(numbers: Array) -> bool:
-    """Whether zeros stand apart from the other numbers, and are not one of a few rounded ones."""
+    """Whether zeros are far from the other numbers, and not one of a few rounded values."""
     steps = np.diff(np.unique(numbers[np.isfinite(numbers) & (numbers != 0.0)]))
     return steps.size > 0 and _is_far(numbers, 0.0)
 
 
 def _is_far(numbers: Array, value: float) -> bool:
-    """Whether a value lies far outside of all other known numbers, of which there are two."""
+    """Whether a value is far outside of the other numbers, of which there must be two."""
     rest = numbers[np.isfinite(numbers) & (numbers != value)]
     if rest.size < 2:
         return False

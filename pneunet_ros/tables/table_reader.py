@@ -79,7 +79,7 @@ class ColumnsInSI:
         return 1 + max((target for _, target in self.columns if target is not None), default=-1)
 
     def of(self, quantity: str, target: int | None = None) -> Array:
-        """Return a column in SI; NaN throughout if the column is missing."""
+        """Return a column in SI; all NaN if the column is missing."""
         column = self.columns.get((quantity, target))
         if column is None:
             return np.full(len(self.lines), np.nan)
@@ -150,7 +150,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
 
 
 def _without_readings(path: Path, table: CsvTable) -> list[Note]:
-    """Report columns that are not readings, or that have no number."""
+    """Report columns that are not readings or have no number."""
     names, notes = _readings(table.numbers), []
     if len(names) + (STAMP in table.numbers) < len(table.numbers):
         notes.append(
@@ -167,7 +167,7 @@ def _without_readings(path: Path, table: CsvTable) -> list[Note]:
 
 
 def _check_offsets(table: CsvTable, offsets: Mapping[str, float]) -> None:
-    """Reject an offset of a column that was not read, and one that is no number."""
+    """Reject an offset of a column that was not read, and an offset that is not a number."""
     for name, offset in offsets.items():
         if name not in table.numbers or name == STAMP:
             raise RequestError(
@@ -249,7 +249,7 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
 
 
 def _lost_turns(path: Path, lines: Sequence[int], table: ReadingTable) -> list[str]:
-    """Report headings whose whole turns a recording of poses does not restore.
+    """Report headings that lose whole turns in a recording of poses.
 
     `calibrate` restores those that follow from heading to heading, in the order of the pressure.
     """

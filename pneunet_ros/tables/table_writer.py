@@ -70,7 +70,7 @@ def write_table(
 ) -> Iterator[Callable[[TargetSightings], None]]:
     """Write a table atomically: the file appears when complete. Raises like `atomic_output`.
 
-    Yields the function that writes sightings, a line per seen target, with all digits.
+    Yields the function that writes sightings, one line per seen target, with all digits.
     """
     with (
         atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary,
