@@ -1,8 +1,8 @@
 """Interface of figures in reports, and drawing of the figures in a table.
 
-A figure is a function in the package of its report: it takes the data of the report and returns a
-`Picture`, or None if there is nothing to show. `figures.py` of that package lists it under its
-part of the page.
+A figure is a function in the package of its report that takes the data of the report and returns a
+`Picture`, or None if there is nothing to show. `figures.py` of this package lists the figure under
+its part of the page.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Picture:
 
     @property
     def inline(self) -> str:
-        """The picture as a data URL: as SVG, unless that is too large."""
+        """The picture as a data URL: SVG, unless it is too large."""
         # Letters as outlines: it looks the same wherever it is opened.
         with rc_context({'svg.fonttype': 'path', 'svg.hashsalt': self.name}):
             svg = self._rendered(format='svg', metadata={'Date': None, 'Creator': None})

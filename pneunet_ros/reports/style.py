@@ -69,7 +69,7 @@ def small_multiples(
 ) -> tuple[Figure, list[Axes], int]:
     """Return a figure, its axes, and the number of columns, at most `most`.
 
-    height: that of a row; more: further height that is needed.
+    height: of a row; more: additional height.
     """
     columns = min(most, count)
     rows = -(-count // columns)
@@ -87,7 +87,7 @@ def as_shapes(axes: Axes, title: str) -> None:
 
 
 def legend(axes: Axes, **where: Any) -> None:
-    """Draw a legend that covers as little data as possible; none without anything drawn."""
+    """Draw a legend that covers as little data as possible; none if nothing is drawn."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=True, framealpha=0.85, edgecolor='none', fontsize=9, **where)
 

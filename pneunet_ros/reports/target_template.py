@@ -108,9 +108,9 @@ def _label_strip(
     name: str,
     dots: str,
 ) -> None:
-    """Label a strip, which will be cut out, with the arm and its ends.
+    """Label a strip for cutting out, with the arm and its ends.
 
-    Next to the dots: ends and arm on the left, dots on the right. Text that is too long for the
+    Ends and arm are named left of the dots, the dots on the right. Text that is too long for the
     strip is cut off.
     """
     room = int(size[1] / CHARACTER) - 2

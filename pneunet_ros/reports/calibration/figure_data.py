@@ -29,7 +29,7 @@ class FigureData:
     """A calibration with the data of its figures.
 
     free: steady states without load; main: those of the loaded run with the largest pressure span,
-    both spread over pressure. The views are those of these states, if they have enough targets.
+    both spread over pressure. The views are those of the states with enough targets.
     """
 
     calibration: Calibration

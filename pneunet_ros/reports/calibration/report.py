@@ -40,9 +40,9 @@ def write_report(
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
-    The folder is written completely or not at all. provenance: nested information on the inputs,
-    shown unchanged; files: those of the next command. Raises RecordingError if the folder exists
-    (without `overwrite`), contains anything other than an earlier report, or cannot be written.
+    The folder is written atomically. provenance: nested information on the inputs, shown
+    unchanged; files: of the next command. Raises RecordingError if the folder exists (without
+    `overwrite`), contains anything other than an earlier report, or cannot be written.
     """
     with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
         folder.mkdir()

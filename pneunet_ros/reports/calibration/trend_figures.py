@@ -93,7 +93,7 @@ def draw_variation(
 
 
 def travel(variation: Variation) -> str:
-    """Describe the travel of the free end."""
+    """Describe the displacement of the free end."""
     if not np.isfinite(variation.travel):
         return 'no equilibrium for some values'
     return f'{millimeters(variation.travel):.1f} mm'

@@ -39,8 +39,8 @@ UNKNOWN_FILES = Files()
 class Verdict:
     """Quality of the fit, accuracy of its parameters, and the next step.
 
-    fits: False if there is no model, or if an effect is missing in it. command: that of the next
-    step, with placeholders in capitals.
+    fits: False if there is no model, or if an effect is missing in it. command: of the next step,
+    with placeholders in capitals.
     """
 
     fits: bool
@@ -149,7 +149,7 @@ def last_target_rms(runs: Sequence[FittedRun]) -> float:
 
 
 def varies(calibration: Calibration) -> bool:
-    """Whether the stiffness varies along the arm enough to matter."""
+    """Whether the variation of stiffness along the arm is relevant."""
     return calibration.variation is not None and calibration.variation.matters
 
 

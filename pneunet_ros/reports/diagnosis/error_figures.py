@@ -202,10 +202,10 @@ def draw_pairs(
 
 
 def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors, int]]:
-    """Return the frames with the largest misfit before, the worst of every recording first.
+    """Return the frames with the largest misfit before, starting with the worst of each recording.
 
-    Further frames are, in turn, the worst ones that are at least a quarter of the recording away
-    from those.
+    Further frames are, in turn, the worst frames at least a quarter of the recording away from all
+    previous ones.
     """
     sizes = [item.misfit.copy() for item in items]
     frames: list[tuple[RecordingErrors, int]] = []

@@ -1,6 +1,6 @@
 """A diagnosis as files: `diagnosis.json`, the augmented `model.yaml`, and the report.
 
-If a law was discovered, also the file of the proposed effect and a model with it.
+If a law was discovered, the file of the proposed effect and a model with it are added.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def write_unsettled(
     provenance: Mapping[str, Any],
     given: Given,
 ) -> dict[str, Any]:
-    """Write the page and the JSON of a diagnosis without numbers; there is no model to write."""
+    """Write the page and the JSON of a diagnosis without numbers and without a model."""
     page = unsettled_page(diagnosis, frame.name, provenance, given)
     (folder / PAGE).write_text(page, encoding='utf-8')
     content: dict[str, Any] = plain(

@@ -1,4 +1,4 @@
-"""Top of the diagnosis report: whether an effect is missing, which one, and the improvement."""
+"""Top of the diagnosis report: the missing effect, if any, and the improvement."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def evidence_bars(diagnosis: Diagnosis, discovery: Discovery) -> tuple[Bar, ...]
 def error_sentence(diagnosis: Diagnosis) -> str:
     """Describe the change of the model error on held-out (or training) recordings.
 
-    Chi squared comes first if reading noise hides the change in the rms.
+    Chi squared is stated first if reading noise hides the change in the rms.
     """
     before, after = diagnosis.before, diagnosis.after
     first, last, kind = before.training, after.training, 'training'

@@ -131,7 +131,7 @@ def loop_of(side: Evaluation) -> Loop:
 def directions_of(pressure: Array, band: float) -> Array:
     """Return the direction of the pressure, (frames,): 1 rising, -1 falling, 0 unchanged.
 
-    A hold keeps the direction in which it was reached, because the arm has memory. Pressure has
+    A hold has the direction in which it was reached, because the arm has memory. The pressure has
     reversed when it is `band` (Pa) away from its last extreme.
     """
     direction, extreme = 0.0, float(pressure[0])

@@ -42,7 +42,7 @@ SIMILAR_COSINE = 0.5  # from it a table lists two effects as similar
 class Given:
     """Command-line arguments that the page repeats; unknown ones are placeholders (MODEL.yaml).
 
-    notes on the recordings; model: file of the diagnosed model; recordings: files of all
+    notes: on the recordings; model: file of the diagnosed model; recordings: files of all
     recordings; folder: output folder of the page and its files.
     """
 
@@ -103,7 +103,7 @@ def unsettled_page(
     provenance: Mapping[str, Any],
     given: Given = NOTHING_GIVEN,
 ) -> str:
-    """Return the page of a diagnosis without numbers; name of the model."""
+    """Return the page of a diagnosis without numbers; name: of the model."""
     names = shlex.join(given.recordings) or 'REC...'
     return render_page(
         UNSETTLED,

@@ -36,7 +36,7 @@ class Table:
 
     @classmethod
     def of(cls, rows: Iterable[Mapping[str, str]], numbers: tuple[int, ...] = ()) -> Table:
-        """Return the table of these rows, texts by column; without rows it has no columns."""
+        """Return the table of these rows, texts by column; empty without rows."""
         rows = tuple(rows)
         columns = tuple(rows[0]) if rows else ()
         return cls(
@@ -126,7 +126,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def passes_text(item: Evidence, diagnosis: Diagnosis) -> str:
-    """State whether only noise remains with a set of effects, with the p-value."""
+    """State whether residuals with a set of effects are consistent with noise, with p-value."""
     if math.isnan(item.evidence):
         return ''
     p_value = '' if math.isnan(item.p_value) else f' (p {p_value_text(item.p_value)})'
@@ -162,7 +162,7 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
 
 
 def consistent_text(test: Adequacy, added: bool) -> str:
-    """State whether residuals pass a test; added: the model has new effects."""
+    """State whether residuals pass a test; added: whether the model has new effects."""
     if test.statistic <= test.threshold:
         return 'yes'
     return WITHIN_LAW if added else 'no'
@@ -239,14 +239,14 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 
 
 def similarity_table(diagnosis: Diagnosis, least: float) -> Table:
-    """Return pairs of effects that are hard to distinguish with these data, with cosines."""
+    """Return pairs of effects that are hard to distinguish with these data, with their cosines."""
     ranked = sorted(diagnosis.cosines.items(), key=lambda item: -abs(item[1]))
     pairs = tuple((*pair, f'{value:.2f}') for pair, value in ranked if abs(value) >= least)
     return Table(columns=('effect', 'other effect', 'cosine'), rows=pairs, numbers=(2,))
 
 
 def undetectable_sentence(diagnosis: Diagnosis) -> str:
-    """Name the effects that these recordings cannot show at any plausible size."""
+    """Name the effects that are undetectable in these recordings at any plausible size."""
     unseen = [name for name, item in diagnosis.detectable.items() if not item.observable]
     if not unseen:
         return 'Every effect of the library would have been detected at a usual size.'

@@ -34,7 +34,7 @@ class Linearity:
 
     @property
     def largest(self) -> int:
-        """The departure that is largest relative to its standard error."""
+        """The largest departure relative to its standard error."""
         return int(np.argmax(np.abs(self.departure) / self.departure_std))
 
     @property
@@ -83,8 +83,8 @@ def intrinsic_linearity(fit: Fit) -> tuple[Linearity, ...]:
 def change_linearity(views: Sequence[MomentView], length: float) -> tuple[Linearity, ...]:
     """Return measured kappa - kappa0 over the pressures of one recording, at all places seen.
 
-    The load changes with pressure as in the recording. The error of kappa0 is taken as independent
-    between pressures.
+    The load changes with pressure as in the recording. The error of kappa0 is assumed to be
+    independent between pressures.
     """
     found = []
     for place in PLACES:

@@ -1,9 +1,10 @@
 """The paper's analysis: Eqs 9 and 10 from measured shapes, and the fitted law.
 
 M_est(s) comes from measured targets and the load, kappa from the smoothed targets, and straight
-lines through M_est over kappa - kappa0 give alpha1,2 and the intercepts M_O1,2. These are for
-illustration only: differentiated curvature is correlated and smooth over l1, and M_O cannot be
-distinguished from kappa0. The numbers in the model file are fitted to the targets themselves.
+lines through M_est over kappa - kappa0 give alpha1,2 and the intercepts M_O1,2. These values are
+for illustration only, because differentiated curvature is correlated and smooth across l1, and M_O
+cannot be distinguished from kappa0. The numbers in the model file are fitted to the targets
+themselves.
 """
 
 from __future__ import annotations
@@ -109,7 +110,7 @@ def law_starts(arm: Arm, pressure: float) -> list[float]:
 
 
 def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> MomentView:
-    """Return a view with a line through each section; targets (m): those that were seen."""
+    """Return a view with a line through each section; targets (m): the seen targets."""
     lines = []
     for start, stop in itertools.pairwise(starts):
         inside = (view.arclength >= start) & (view.arclength < stop)
@@ -124,8 +125,8 @@ def line(
     """Fit the line through some stations of a view; None with too few targets or no moment.
 
     The error is in kappa, not in M_est, so kappa - kappa0 is regressed on the moment; the reverse
-    would underestimate the rigidity. Stations between targets add no information: standard errors
-    count targets.
+    would underestimate the rigidity. Standard errors are based on the number of targets, because
+    stations between targets add no information.
     """
     if min(targets, int(np.count_nonzero(inside))) < LEAST_TARGETS or not view.has_moment:
         return None

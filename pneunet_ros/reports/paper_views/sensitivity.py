@@ -41,7 +41,7 @@ class Variation:
 def variations(arm: Arm, steady_state: SteadyState) -> tuple[Variation, ...]:
     """Return the variations of Figure 10 around the load of a steady state.
 
-    F1 +- 20 %, l1 from 0.05 to 0.15 of the length (for a law that has it), rigidity +- 20 %.
+    F1 +- 20 %, l1 from 0.05 to 0.15 of the length (for a law with l1), rigidity +- 20 %.
     """
     f1, f2 = steady_state.force.tolist()
 

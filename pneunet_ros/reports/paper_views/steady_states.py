@@ -1,8 +1,8 @@
 """Steady states of a run: means over intervals of nearly constant pressure and load.
 
 A hold of a staircase is one long state, a slow ramp many short ones. Mean targets correspond to
-the mean load, because linear changes cancel. The fitted displacement of camera and target
-placement is subtracted, which leaves the position of the arm.
+the mean load, because linear changes cancel. The fitted displacements of camera and target
+placement are subtracted, so that the position of the arm remains.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def longest_states(states: Sequence[SteadyState]) -> list[SteadyState]:
 
 
 def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
-    """Choose at most this many states, evenly over pressure; of neighbors, the longest."""
+    """Select at most this many states, evenly over pressure, preferring the longest."""
     if not states:
         return []
     places = np.array([state.pressure for state in states])

@@ -1,1 +1,1 @@
-"""The page of a survey: all arms of a fleet side by side."""
+"""The page of a survey: comparison of all arms of a fleet."""

@@ -1,4 +1,4 @@
-"""The arms of a fleet side by side: numbers, missing effects and shapes."""
+"""Comparison of the arms of a fleet: numbers, missing effects and shapes."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, A
 
 
 def survey_sentences(data: SurveyData) -> list[str]:
-    """Return the results of a survey in sentences: odd arms, effects, failures."""
+    """Return the results of a survey in sentences: outliers, effects, failures."""
     failed = [item for item in data.arms if item.failed]
     return [
         data.fleet.sentence,
@@ -59,7 +59,7 @@ def survey_sentences(data: SurveyData) -> list[str]:
 
 
 def effects_sentence(data: SurveyData) -> str:
-    """Describe how many arms an effect was missing in, and how many got another answer."""
+    """Describe the number of arms with a missing effect, and with each other answer."""
     done = len(data.done)
     counts = data.effect_counts()
     named = ', '.join(f'{name} in {count}' for name, count in counts.items())
@@ -72,7 +72,7 @@ def effects_sentence(data: SurveyData) -> str:
 
 
 def rare_sentences(data: SurveyData) -> list[str]:
-    """Say in which arms an effect was named that was not in most arms."""
+    """Name the arms with an effect that most arms do not have."""
     return [
         f'{name} is named in {", ".join(arms)} only; {data.could_show(name)} of the other '
         f'{len(data.done) - len(arms)} could have shown it.'
@@ -81,7 +81,7 @@ def rare_sentences(data: SurveyData) -> list[str]:
 
 
 def certainty(data: SurveyData) -> str:
-    """Describe on what the comparison and the model errors are based."""
+    """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
     text = f'Too few arms to find odd ones: at least {FEWEST_COMPARED} are needed.'

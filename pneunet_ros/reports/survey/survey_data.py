@@ -17,7 +17,7 @@ class SurveyedArm:
 
     failed: the reason in a sentence, empty if it did not fail. found: results of calibration and
     diagnosis, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`;
-    arm: its model with the missing effects. Both are empty if it failed. folder of its files,
+    arm: its model with the missing effects. Both are empty if it failed. folder: of its files,
     relative to the page; recordings: its files; arm_file: the file used for its calibration.
     """
 
@@ -77,12 +77,12 @@ class SurveyData:
 
     @property
     def odd(self) -> frozenset[str]:
-        """Names of the odd arms."""
+        """Names of the outliers."""
         return frozenset(self.fleet.names[place] for place in self.fleet.odd)
 
     @property
     def named(self) -> tuple[SurveyedArm, ...]:
-        """The arms with an effect that was named: distinguished from all others."""
+        """The arms with a named effect, distinguished from all others."""
         return tuple(item for item in self.done if item.answer == 'named')
 
     def effect_counts(self) -> dict[str, int]:
@@ -94,7 +94,7 @@ class SurveyData:
         return dict(Counter(item.answer for item in self.done).most_common())
 
     def rare_effects(self) -> dict[str, list[str]]:
-        """Return the effects that were named in fewer than half of the arms, with these arms."""
+        """Return the effects named in fewer than half of the arms, with these arms."""
         counts = self.effect_counts()
         return {
             name: [item.name for item in self.named if name in item.effects]
@@ -103,7 +103,7 @@ class SurveyData:
         }
 
     def could_show(self, effect: str) -> int:
-        """Return the number of arms in which an effect would have been detected, and was not."""
+        """Return the number of arms in which an effect was detectable but not detected."""
         return sum(
             bool(item.found['detectable'].get(effect, {}).get('observable'))
             for item in self.done

@@ -47,7 +47,7 @@ class TrackingPage:
     """Collects the frames of a recording for a page.
 
     source: as given by the user; model: name of the arm; target_arclength (targets,) m; estimated:
-    the shapes in the recording, None without; preview of all frames; film: numbers of the delay
+    the shapes in the recording, None without; preview: of all frames; film: numbers of the delay
     of a film with a table, filled before the page is made, otherwise empty. arm_options,
     image_options: the options for the arm and for the images, as typed.
     """
@@ -193,7 +193,7 @@ class TrackingPage:
 
     @property
     def _moving(self) -> int:
-        """Number of frames after those from which the tracker has learned the arm at rest."""
+        """Number of frames after the frames that determined the arm at rest."""
         return self._count - self._reasons[RESTING]
 
     @property

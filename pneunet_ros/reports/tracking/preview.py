@@ -100,7 +100,7 @@ class Preview:
     def _picture(self, seen: Seen) -> None:
         """Keep the first tracked frame of each part of the recording, and the last tracked frame.
 
-        Parts in the middle are represented by the frame with the most targets missing; a part
+        A part in the middle is represented by the frame with the most missing targets; a part
         without a tracked frame by its first frame, with the reason.
         """
         part = min((PICTURES - 1) * self._count // max(self.frames, 1), PICTURES - 2)
@@ -241,7 +241,7 @@ def write_at_end(
     overwrite: bool = False,
     inputs: Iterable[Path] = (),
 ) -> Iterator[Collector]:
-    """Write a preview when its context ends, even after a CameraError, which it then shows.
+    """Write a preview when its context ends, even after a CameraError, which is then shown.
 
     Raises the errors of `atomic_output`.
     """
@@ -267,7 +267,7 @@ def thin(count: int, most: int) -> list[int]:
 
 
 def overlay_of(image: Image, tracking: Tracking, state: TrackerState) -> Bytes:
-    """Return the image with tracking results drawn on it; `state`: that after the image."""
+    """Return the image with tracking results drawn on it; `state`: after the image."""
     curve = None
     if tracking.curve is not None and state.plane is not None and state.lens is not None:
         curve = curve_in_image(tracking.curve, state.plane, state.lens)
