@@ -1,4 +1,4 @@
-"""Calibrations as files: provenance of a model, and the posterior needed to continue one."""
+"""Files of a calibration: provenance of the model, and the posterior for continuing it."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def file_hash(path: Path) -> str:
 
 
 def check_recordings(paths: Iterable[Path]) -> None:
-    """Raise RecordingError if a file is missing or is not a recording, before any is read."""
+    """Raise RecordingError if a file is missing or not a recording, before any file is read."""
     for path in paths:
         for file in stored_files(path):
             check_is_mcap(plain_mcap(file), file)
@@ -88,7 +88,7 @@ def fitted_in(arm: Arm) -> list[dict[str, str]]:
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:
-    """Reject a recording that is given twice: it would count twice, and could not test a model."""
+    """Reject a recording given twice, which would count twice and could not test a model."""
     seen: dict[str, dict[str, str]] = {}
     for item in inputs:
         other = seen.setdefault(item['sha256'], item)

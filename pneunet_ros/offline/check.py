@@ -87,7 +87,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
 
 
 def proposed(arm: Arm) -> str:
-    """Propose the next recording if the motion of the arm is unknown."""
+    """Propose a recording of motion if the motion of the arm is unknown."""
     if arm.inertia is not None:
         return ''
     return (

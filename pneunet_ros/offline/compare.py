@@ -70,7 +70,7 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
 
 
 def refuse_same_file(a: ShapeSeries, b: ShapeSeries) -> None:
-    """Refuse to compare a file with itself."""
+    """Reject a comparison of a file with itself."""
     if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose another topic for B, e.g. --topic '
@@ -143,7 +143,7 @@ def errors_content(
 
 
 def limitations(comparison: Comparison) -> list[Note]:
-    """Describe the limits of a comparison, or why none is possible."""
+    """Describe the limits of a comparison, or why it is impossible."""
     if comparison.unlike:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
@@ -170,7 +170,7 @@ def limitations(comparison: Comparison) -> list[Note]:
 
 
 def spans(comparison: Comparison) -> str:
-    """State the time spans of the two sides."""
+    """Describe the time spans of the two sides."""
     texts = []
     for side in (comparison.of, comparison.to):
         stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]

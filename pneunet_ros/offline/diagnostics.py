@@ -20,7 +20,7 @@ TOPIC, TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
 
 
 class Clock:
-    """Seconds of log time since the first message, and when the next report is due."""
+    """Seconds of log time since the first message, and the time of the next report."""
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
@@ -37,7 +37,7 @@ class Clock:
 
     @property
     def ends(self) -> bool:
-        """Whether a last report is due: whether a message came after the last report."""
+        """Whether a final report is due, because there was a message after the last report."""
         return self._reported is None or self.now > self._reported
 
     @property
@@ -50,7 +50,7 @@ class Diagnostics(ABC):
     """The topic `/diagnostics` of a replay, under the default name of the node."""
 
     def __init__(self, arm: Arm, pressure: str, name: str) -> None:
-        """Initialize; pressure: its topic; name of the status, e.g. 'fusion: shape and force'."""
+        """Initialize; pressure: its topic; name: of the status, e.g. 'fusion: shape and force'."""
         namespace = namespace_of(pressure)
         self._name, self._label = f'{namespace}{name}', model_label(arm)
         self._hardware = hardware_id(namespace, name.partition(':')[0])

@@ -1,7 +1,7 @@
-"""Join a tracked film and a table of readings, on two clocks, to one recording.
+"""Merge a tracked film and a table of readings, on two clocks, into one recording.
 
 The recording uses the clock of the table. The two clocks start at the first frame and at the first
-row. A frame at t in the film shows the arm at t - delay in the table.
+row. The frame at t in the film shows the arm at t - delay in the table.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class FilmedRun:
 
 
 def check_readings(table: ReadingTable, path: Path) -> None:
-    """Reject a table that does not fit a film."""
+    """Reject a table that cannot be combined with a film."""
     counts = table.counts()
     if not counts[PRESSURE.name]:
         raise RequestError(
@@ -136,8 +136,8 @@ def _shifted(tracking: Tracking, by_ns: int) -> Tracking:
 def with_string(run: FilmedRun, string: String, arm: Arm) -> FilmedRun:
     """Return a film with a string at the tip: the load in each row follows the tip.
 
-    It is known between two successive frames that show the tip. Raises RequestError if no frame
-    shows it, or if the eye of the string lies on the arm.
+    The load is known between two successive frames that show the tip. Raises RequestError if no
+    frame shows it, or if the eye of the string lies on the arm.
     """
     sightings = [frame.sightings for frame in run.trackings]
     points = np.array([[frame.x, frame.y] for frame in sightings])

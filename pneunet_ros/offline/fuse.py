@@ -55,7 +55,7 @@ def fusion_topics(
 def fusion_steps(
     recording: Recording, fusion: Fusion, topics: Mapping[str, Input[Any]]
 ) -> Iterator[FusionStep]:
-    """Feed recorded readings and frames to the fusion in the order of its node."""
+    """Pass recorded readings and frames to the fusion in the order of its node."""
     state = FusionState()
     for message in messages_in_order(recording, topics, OF_FUSION):
         state, outcome = fuse_message(fusion, state, topics[message.topic], message.message)
@@ -90,7 +90,7 @@ def record_fusion(
     topics: Mapping[str, Input[Any]],
     on_progress: Callable[[FusionStep], None],
 ) -> None:
-    """Write the unchanged inputs and all outputs of the fusion; `on_progress` sees each step."""
+    """Write the unchanged inputs and all fusion outputs; `on_progress` is called per step."""
     frame_id, diagnostics = fusion.sensors.frame_id, FusionDiagnostics(fusion, topics)
     played = fusion_steps(recording, fusion, topics)
     record_replay(
@@ -102,10 +102,9 @@ def record_fusion(
 class FusionTally:
     """Counts of a replay of the fusion.
 
-    modes: number of estimates by mode; determined: those with F1, and with F2; contacts: those
-    with a contact, and those whose contact cannot be distinguished from a tip force; inconsistent:
-    those during which the running NIS exceeded its noise limit; warnings: number per warning about
-    the setup.
+    modes: number of estimates by mode; determined: number with F1, and with F2; contacts: number
+    with a contact, and with a contact that cannot be distinguished from a tip force; inconsistent:
+    number with a running NIS above its noise limit; warnings: number per warning about the setup.
     """
 
     messages: int = 0

@@ -50,7 +50,7 @@ LEVELS = 8  # pressures at which the model is compared with targets
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetFit:
-    """How well a model fits measured points, for one interpretation of the pressure readings.
+    """Fit of a model to measured points, for one interpretation of the pressure readings.
 
     reading (frames,): in the unit of the sensor; load (frames, 3) N, N, N m at the free end;
     points (frames, 2, targets) m, NaN where not seen; places (targets,) m along the arm. gravity
@@ -67,7 +67,7 @@ class TargetFit:
     def __call__(self, meaning: PressureConvention) -> tuple[float, int]:
         """Return the mean squared error over the squared length, and the number of levels.
 
-        The error of a level without a shape is the length.
+        For a level without a shape, the error is set to the length.
         """
         arm = self.arm
         low, high = arm.pressure_range
@@ -151,8 +151,8 @@ def judge_recording(
 ) -> Verdicts:
     """Judge the interpretation of the readings of a recording, using targets if there are any.
 
-    own_model: whether a model was given; without one the recording may be of another arm. There is
-    no verdict if there are no readings, if all are zero, or if `judge_readings` is false. Raises
+    own_model: whether a model was given; without one the recording may be of another arm. No
+    verdict without readings, if all are zero, or if `judge_readings` is false. Raises
     RecordingError like `find_series`.
     """
     if not settings.judge_readings:
@@ -316,10 +316,10 @@ def judge_table(
 def judge_table_readings(
     table: ReadingTable, expected: Sequence[ExpectedPressure]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Describe the likely unit of a table's pressures and the remedy: if certain, and if likely.
+    """Describe the likely unit of a table's pressures and the remedy, if certain, and if likely.
 
-    Both are empty if the pressures fit. Absolute pressures are not judged here: only the verbs
-    know the atmospheric pressure.
+    Both are empty if the pressures fit. Absolute pressures are not judged here, because only the
+    verbs know the atmospheric pressure.
     """
     verdict = None if table.absolute else judge_table(table, expected)
     if verdict is None:
@@ -349,7 +349,7 @@ def table_remedy(verdict: PressureVerdict) -> str:
 def readable_series(
     recording: Recording, arm: Arm, settings: EstimatorSettings, overrides: Mapping[str, str]
 ) -> dict[str, ReadingSeries]:
-    """Read the series for judging the pressure; unreadable ones are reported by other checks."""
+    """Read the series for judging the pressure; other checks report unreadable series."""
     series: dict[str, ReadingSeries] = {}
     sensors: tuple[Sensor, ...] = (PRESSURE, END_WRENCH, TARGETS, TIP_POSE)  # type: ignore[type-arg]
     for sensor in sensors:
@@ -370,7 +370,7 @@ def target_fit(
 ) -> TargetFit | None:
     """Choose frames at pressures from lowest to highest; None if there are no targets.
 
-    reading (readings,): those of the pressure, in the unit of the sensor.
+    reading (readings,): of the pressure, in the unit of the sensor.
     """
     pressure = series[PRESSURE.name]
     seen = measured_points(series, arm)

@@ -1,4 +1,4 @@
-"""Replay: from a recording through `Estimator.step` to a recording, with the messages as live."""
+"""Replay: from a recording through `Estimator.step` to a recording, with the live messages."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def steps(
     topics: Mapping[str, Input[Any]],
     targets: str | None = None,
 ) -> Iterator[Step]:
-    """Feed the recorded readings to the estimator in the order of its node.
+    """Pass the recorded readings to the estimator in the order of its node.
 
     targets: a topic of targets to compare with the estimates.
     """
@@ -187,7 +187,7 @@ def record_steps(
     markers: Sequence[Output[ShapeEstimate]] = (),
     targets: str | None = None,
 ) -> None:
-    """Write the unchanged inputs, all outputs, and `markers`; `on_progress` sees every step.
+    """Write the unchanged inputs, all outputs, and `markers`; `on_progress` is called per step.
 
     targets: a topic of targets to compare with the estimates; it is copied as well.
     """
@@ -199,7 +199,7 @@ def record_steps(
 
 
 def with_targets(topics: Mapping[str, Input[Any]], targets: str | None) -> dict[str, Input[Any]]:
-    """Return sensors by topic, with that of the targets if there is one."""
+    """Return sensors by topic, including the targets topic if there is one."""
     return {**topics, **({} if targets is None else {targets: TARGETS})}
 
 
@@ -218,7 +218,7 @@ def record_replay(
     played: Iterable[AnyStep],
     on_progress: Callable[[AnyStep], None],
 ) -> None:
-    """Write the unchanged inputs and all outputs of a replay; `on_progress` sees every step.
+    """Write the unchanged inputs and all outputs of a replay; `on_progress` is called per step.
 
     writer: None to write nothing. inputs: sensors by the names of their topics. `/diagnostics` is
     written as by the node, once per second and at the end.
@@ -251,7 +251,7 @@ class Tally:
     """Counts of a replay.
 
     warned: number of estimates by warning; settled: number with the arm at rest; kept: frames for
-    detecting persistent errors.
+    the test of persistent errors.
     """
 
     messages: int = 0
@@ -284,7 +284,7 @@ class Tally:
                 self.warned[warning] = self.warned.get(warning, 0) + 1
 
     def compare(self, consistency: ConsistencyState) -> None:
-        """Store a frame, and the largest disagreement; one beyond noise has precedence."""
+        """Store a frame, and the largest disagreement; a significant one takes precedence."""
         if consistency.compared is not self.consistency.compared:
             for frame in consistency.compared:
                 if frame.evidence is not None:

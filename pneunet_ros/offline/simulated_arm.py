@@ -115,7 +115,7 @@ def scenario_of_model(arm: Arm) -> Scenario:
 
 
 def motion_of_model(arm: Arm) -> LabMotion | None:
-    """Return weight and inertia of a model for the lab; None: it has neither."""
+    """Return weight and inertia of a model for the lab; None if it has neither."""
     gravity, inertia = arm.gravity, arm.inertia
     if inertia is None and not (gravity.x or gravity.y):
         return None

@@ -1,4 +1,4 @@
-"""A fleet on disk: the recordings of each arm, the finished arms, and running the others.
+"""A fleet on disk: the recordings of each arm, the finished arms, and the work on the others.
 
 The work on an arm is any function that takes an arm of the fleet and returns files. It may run in
 processes of this machine or on a cluster.
@@ -226,7 +226,7 @@ def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
 def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[str, str]]]:
     """Return a key that identifies the work on an arm, and the recordings with their hashes.
 
-    decided: all other inputs that determine the outcome. RecordingError if a file cannot be read.
+    decided: all other inputs that affect the outcome. RecordingError if a file cannot be read.
     """
     from pneunet_ros.offline.calibration_files import inputs_of
 
@@ -318,15 +318,14 @@ def work_on_fleet(
 ) -> Iterator[Outcome]:
     """Yield the result of each arm as it finishes.
 
-    A process that dies ends all others of its pool, so the arms that were running are processed
-    again one by one: the arm whose process dies when it runs alone is the cause, and the others
-    continue.
+    A process that dies ends all others of its pool, so the arms in progress are processed again
+    one by one: an arm whose process dies when it runs alone is the cause, and the others continue.
 
     Args:
         arms: the arms of the fleet.
         work: the function to apply to each; it must be picklable.
         open_workers: returns new workers.
-        concurrency: how many arms are submitted at a time.
+        concurrency: number of arms submitted at a time.
 
     Yields:
         The arm, and its files or the exception that was raised.
@@ -346,7 +345,7 @@ def work_concurrently(
 ) -> Generator[Outcome, None, tuple[list[FleetArm], list[FleetArm]]]:
     """Yield the results of arms until all are done or a process dies.
 
-    Returns the arms that were running then, and those that were not started.
+    Returns the arms in progress at that time, and the arms that were not started.
     """
     pending, suspects = deque(arms), list[FleetArm]()
     running: dict[Future[Files], FleetArm] = {}

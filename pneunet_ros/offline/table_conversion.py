@@ -20,7 +20,7 @@ WrittenMessage = tuple[int, Connection, bytes]  # stamp in ns, topic, serialized
 
 
 def tabulate(series: Mapping[str, ReadingSeries], more: npt.ArrayLike = ()) -> ReadingTable:
-    """Return the table of these series: a row for each of their stamps, and of those in `more`."""
+    """Return the table of these series: a row for each of their stamps and each in `more`."""
     stamps = [np.asarray(more, dtype=np.int64), *(item.stamp_ns for item in series.values())]
     stamp_ns = np.unique(np.concatenate(stamps))
     targets = series[TARGETS.name].values.shape[2] if TARGETS.name in series else 0

@@ -1,4 +1,4 @@
-"""Track: from images through `Tracker.step` to a recording, with messages and step as live."""
+"""Track: from images through `Tracker.step` to a recording, with the live step and messages."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def look_ahead(
 ) -> tuple[TrackerState, str]:
     """Return the initial state of the tracker, and a note if it is not empty.
 
-    If a recording begins with the arm bent or hidden, scale and base frame come from later frames
-    in which the arm is at rest. A recording that begins at rest is tracked as it would be live. So
-    is a recording whose camera_info changes, or whose stamps jump, before the arm rests.
-    `on_frame` is called with each frame that was searched. Raises CameraError if the arm is
+    If a recording begins with the arm bent or hidden, scale and base frame are determined from
+    later frames in which the arm is at rest. A recording that begins at rest is tracked as it
+    would be live, as is a recording in which camera_info changes, or stamps jump, before the arm
+    rests. `on_frame` is called with each frame that was searched. Raises CameraError if the arm is
     upright from the beginning, so that it is unknown which end is the clamp.
     """
     state, frames, first = TrackerState(), 0, ''
@@ -81,7 +81,7 @@ def track_steps(
     other_topics: Collection[str] = (),
     start: TrackerState | None = None,
 ) -> Iterator[TrackStep]:
-    """Feed images and lenses to the tracker in the order of their log time.
+    """Pass images and lenses to the tracker in the order of their log time.
 
     Messages of the topics in `other_topics` are passed on with the outcome None. start: initial
     state of the tracker from `look_ahead`; None: empty, as live.
@@ -145,12 +145,12 @@ def record_tracking(
 class TrackTally:
     """Tracking counts; each frame counts once, under one reason or none.
 
-    warnings: number of frames with each warning about the frame before; seen (targets,): number of
-    explained frames in which each target was seen; sentences: the latest for each reason; causes:
-    counts of the causes (keys of CAUSES) for which a target was not seen. points: (2, targets) m
-    of each explained frame; last_pixel: first position of the last target; log_areas (targets,):
-    sum of log areas relative to the median of their frame. rest_bow: of the row at rest, relative
-    to its length; NaN if that was not used.
+    warnings: number of frames with each warning about the previous frame; seen (targets,): number
+    of explained frames in which each target was seen; sentences: the latest for each reason;
+    causes: counts of the causes (keys of CAUSES) for which a target was not seen. points: (2,
+    targets) m of each explained frame; last_pixel: first position of the last target; log_areas
+    (targets,): sum of log areas relative to the median of their frame. rest_bow: of the row at
+    rest, relative to its length; NaN if it was not used.
     """
 
     targets: int
@@ -249,7 +249,7 @@ class TrackTally:
     def odd_sized_dots(self) -> list[str]:
         """Name the targets whose average size differs from the rest of the row.
 
-        The search follows such dots, but less reliably than the others.
+        Such dots are tracked less reliably than the others.
         """
         size = self.log_areas / np.maximum(self.seen, 1.0)  # of logarithmic areas
         odd = np.abs(size) > ODD * BEAM_SEARCH.size_std

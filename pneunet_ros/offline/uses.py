@@ -1,4 +1,4 @@
-"""Possible uses of a recording by verb, with a remedy for each impossible one, for `check`."""
+"""Possible uses of a recording by verb, with a remedy for each impossible use, for `check`."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class UseAttempts:
             )
 
     def replays(self) -> str:
-        """Replay until the first estimate, and decode the rest."""
+        """Replay until the first estimate, and decode the remaining messages."""
         find_series(self.recording, PRESSURE, self.overrides)
         self.check_readings(self.verdicts.contradicted)
         loaded = self.has(END_WRENCH)
@@ -250,7 +250,7 @@ def check_rests_loaded(run: RecordingData, arm: Arm, use: str) -> None:
 
 
 def by_tip(run: RecordingData, found: Sequence[str]) -> str:
-    """Note that a calibration uses the measured pose of the tip, if it does.
+    """Note that a calibration uses the measured pose of the tip, if this is the case.
 
     found: facts about the frame in which the pose was measured.
     """
