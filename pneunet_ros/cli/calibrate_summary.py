@@ -28,7 +28,7 @@ from rich.text import Text
 
 
 def numbers_of(calibration: Calibration, files: Files) -> dict[str, Any]:
-    """Return the summary for programs; files: those that the next command needs."""
+    """Return the summary for programs; files: for the next command."""
     joint = calibration.joint
     return {
         'status': joint.status,
@@ -100,7 +100,7 @@ def variation_numbers(variation: StiffnessVariation | None) -> dict[str, Any] | 
 def show(
     calibration: Calibration, summary: dict[str, Any], sentences: Sequence[str], console: Console
 ) -> None:
-    """Print the summary for people, starting with the verdict; sentences: notes on recordings."""
+    """Print the summary for users, starting with the verdict; sentences: notes on recordings."""
     verdict = summary['verdict']
     console.print(Text(verdict['fit'], style='bold'))
     console.print(Text(verdict['certainty']))

@@ -72,7 +72,7 @@ def show(
 def show_unsettled(
     diagnosis: UnsettledDiagnosis, left_out: Sequence[str], directory: Path, console: Console
 ) -> None:
-    """Print why there is no diagnosis."""
+    """Print the reason for a missing diagnosis."""
     console.print(Text(diagnosis.sentence, style='bold'))
     verb.print_notes(console, (*left_out, *diagnosis.notes))
     for name in (PAGE, NUMBERS):
@@ -80,7 +80,7 @@ def show_unsettled(
 
 
 def print_texts(console: Console, table: Table, title: str) -> None:
-    """Print a table, without meanings, for which a terminal is too narrow."""
+    """Print a table without the meanings, which are too wide for a terminal."""
     shown = [index for index, name in enumerate(table.columns) if name != 'meaning']
     columns, *rows = ([row[index] for index in shown] for row in (table.columns, *table.rows))
     numbers = [position for position, index in enumerate(shown) if index in table.numbers]

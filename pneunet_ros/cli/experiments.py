@@ -1,4 +1,4 @@
-"""Options for recordings, and reading them, shared by `calibrate` and `diagnose`."""
+"""Options and readers of recordings, shared by `calibrate` and `diagnose`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NO_PULL = 'the pull of a thread over a pulley changes direction with the tip: us
 class Experiments:
     """Groups of recordings, with notes on them.
 
-    left_out: sentences on readings that were left out or reinterpreted; unloaded: the recordings
+    left_out: sentences on readings that were excluded or reinterpreted; unloaded: the recordings
     without a load, with the reason.
     """
 
@@ -95,8 +95,8 @@ def read_experiments(
 ) -> Experiments:
     """Read groups of recordings and decide which of them are unloaded.
 
-    These are those given by `--unloaded`; without that option, recordings without `end_wrench` and
-    those in which every wrench is within the noise of the sensor.
+    Unloaded recordings are those given by `--unloaded`; without this option, recordings without
+    `end_wrench` and recordings in which every wrench is within the noise of the sensor.
     """
     from pneunet_ros.calibration.checks.preconditions import check_unloaded
     from pneunet_ros.measurement.string_load import with_string
@@ -194,7 +194,7 @@ def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
 
 
 def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingData:
-    """Return a run with its known load; RequestError if it contains a measured one."""
+    """Return a run with its known load; RequestError if it contains a measured load."""
     if run.loaded:
         raise RequestError(
             f'--end-load or --string {run.name}: the recording contains end_wrench readings, and '

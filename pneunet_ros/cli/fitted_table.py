@@ -18,8 +18,8 @@ FRAME, EDGE = 3, 1  # letters in addition to the text: per column, and per table
 def print_table(console: Console, table: Table, empty: str = 'none') -> None:
     """Print a table; if it is too wide, wrap its text, then split it by columns.
 
-    Texts break between words, and words that are too long after a slash, if they have one. Each
-    part of a table starts with its first column. empty: text for a table without rows.
+    Texts are broken between words, and words that are too long after a slash, if they have one.
+    Each part of a table starts with its first column. empty: text for a table without rows.
     """
     if not table.row_count:
         console.print(f'{table.title}: {empty}' if table.title else empty)

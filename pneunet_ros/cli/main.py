@@ -39,7 +39,7 @@ class CommandParser(ArgumentParser):
         self._words: Sequence[str] | None = None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; each verb itself reports words that it does not know."""
+        """Parse; each verb reports unknown words itself."""
         self._words = args
         given, unexpected = super().parse_known_args(args, namespace)
         if unexpected:
@@ -81,7 +81,7 @@ class CommandParser(ArgumentParser):
         return unexpected
 
     def _describe_unexpected(self, words: Sequence[str]) -> str:
-        """Describe the words of no option; a word after an unknown option is its value."""
+        """Describe the unexpected words; a word after an unknown option is its value."""
         if unknown := next((word for word in words if OPTION.match(word)), None):
             name = unknown.partition('=')[0]
             options = [option for action in self._actions for option in action.option_strings]
@@ -110,11 +110,10 @@ class CommandHelp(RawDescriptionHelpFormatter):
 class Verb(NamedTuple):
     """A verb: its name, its line of help, and a complete command.
 
-    Its module in `verbs` is imported when it is used; `file` is the module's name if that differs
-    from the verb's. The module has `options(parser)`, which adds the options, and
-    `run(arguments)`, which runs the verb and returns the exit code. kernels: 'meanwhile' if the
-    verb runs while kernels are compiled, 'first' if it waits for them because it uses them
-    heavily.
+    The module in `verbs` is imported on use; `file` is its name if it differs from that of the
+    verb. The module has `options(parser)`, which adds the options, and `run(arguments)`, which
+    runs the verb and returns the exit code. kernels: 'meanwhile' if the verb runs while kernels
+    are compiled, 'first' if it waits for the kernels because it uses them heavily.
     """
 
     name: str
@@ -246,7 +245,7 @@ NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
     """Build the parser of all verbs, with the options of the requested one.
 
-    ends: whether a request for help ends the process.
+    ends: whether a help request ends the process.
     """
     command = CommandParser(
         prog='pneunet',

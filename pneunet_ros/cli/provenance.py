@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def provenance_of(
     arguments: Namespace, calibration: Calibration, roles: Mapping[str, Sequence[RecordingData]]
 ) -> dict[str, object]:
-    """Return the provenance of a calibrated model; it is deterministic and has no seed."""
+    """Return the provenance of a calibrated model, which is deterministic and has no seed."""
     from pneunet_ros.offline.calibration_files import inputs_of
 
     joint = calibration.joint
@@ -44,7 +44,7 @@ def provenance_of(
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of all software that can change the numbers."""
+    """Return the versions of all software that may affect the numbers."""
     import numpy as np
     import scipy
 

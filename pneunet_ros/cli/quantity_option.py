@@ -108,7 +108,7 @@ def _joined(unit: str) -> str:
 
 
 def seed(text: str) -> int:
-    """Return a seed, an integer that is not negative."""
+    """Return a seed, a nonnegative integer."""
     if not text.isdecimal() or int(text) >= 2**63:
         raise ArgumentTypeError(f'{text!r} is not a whole number (0 or more)')
     return int(text)

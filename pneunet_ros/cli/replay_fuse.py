@@ -73,7 +73,7 @@ def run_fusion(arguments: Namespace) -> int:
 
 
 def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
-    """Print the summary for people."""
+    """Print the summary for users."""
     modes = ', '.join(f'{count} {mode}' for mode, count in tally.modes.items() if count)
     first, second = tally.determined
     facts = {

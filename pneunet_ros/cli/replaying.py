@@ -38,9 +38,9 @@ def judge(
 
 
 def refuse_readings(arguments: Namespace, verdicts: Verdicts) -> int:
-    """Print the likely meaning of the readings and the command to type; return the exit code.
+    """Print the likely meaning of the readings and the command to use; return the exit code.
 
-    In that case, nothing is estimated or written.
+    Nothing is estimated or written.
     """
     path = arguments.recording
     sentence = f'{path}: {verdicts.model_mismatch}'
@@ -71,8 +71,8 @@ def playing(
 ) -> Iterator[tuple[RecordingWriter | None, Callable[[Any], None]]]:
     """Open the requested output and a progress bar with the text `what`.
 
-    Yields the writer of the output, None without an output, and a callback for every step, which
-    passes the step to `count`.
+    Yields the writer of the output (None without an output) and a callback that passes every step
+    to `count`.
     """
     output, overwrite = arguments.output, arguments.overwrite
     counter = itertools.count(1)
@@ -99,7 +99,7 @@ def common_summary(
     verdicts: Verdicts,
     refusal: Refusal | None,
 ) -> dict[str, Any]:
-    """Return the summary entries that every replay has; refusal: the last one."""
+    """Return the summary entries common to all replays; refusal: the last refusal."""
     return {
         'recording': arguments.recording,
         'output': arguments.output,

@@ -68,7 +68,7 @@ def unit_objections(
 
 
 def missing_of(words: Sequence[str]) -> tuple[float, ...] | None:
-    """Return the numbers that stand for "no reading"; None if the option is absent."""
+    """Return the numbers that mean "no reading"; None if the option is absent."""
     if not words:
         return None
     if list(words) == ['none']:

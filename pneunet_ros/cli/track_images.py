@@ -50,10 +50,10 @@ Follower = Callable[[TrackStep], None]
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class StepLog:
-    """Where the steps of a tracking go, and what they leave.
+    """Passes the steps of a tracking on, and records them.
 
-    followers: called with every step; on_tracking: with every outcome that is a tracking.
-    rejected: stamps of the frames with another outcome. times (s): of the start and of each frame.
+    followers: called with every step; on_tracking: called with every successful outcome. rejected:
+    stamps of the frames with another outcome. times (s): of the start and of each frame.
     """
 
     followers: Sequence[Follower]
@@ -62,7 +62,7 @@ class StepLog:
     times: list[float] = field(default_factory=lambda: [time.perf_counter()])
 
     def add(self, step: TrackStep) -> None:
-        """Take the next step."""
+        """Process the next step."""
         for follow in self.followers:
             follow(step)
         if isinstance(step.outcome, Tracking):
@@ -75,9 +75,9 @@ class StepLog:
 
     @property
     def rate(self) -> float:
-        """Frames per second, 0 without any.
+        """Frames per second; 0 without frames.
 
-        The median leaves out the first frames, in which kernels may have to be compiled.
+        The median excludes the first frames, in which kernels may have to be compiled.
         """
         return 1.0 / float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
 
@@ -151,7 +151,7 @@ def camera_of(arguments: Namespace) -> CameraSettings:
 
 
 def open_stream(arguments: Namespace, settings: CameraSettings) -> ImageStream:
-    """Open the images; RequestError if they were turned, but the camera reads row by row."""
+    """Open the images; RequestError for turned images of a rolling shutter camera."""
     request = SourceRequest(
         camera_info=arguments.camera_info,
         rate=arguments.rate,

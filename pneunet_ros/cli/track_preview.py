@@ -56,7 +56,7 @@ def open_preview(
 
 
 def typed(arguments: Namespace, *names: str) -> list[str]:
-    """Return those of these options that were given, as words of a command line."""
+    """Return the given ones of these options, as words of a command line."""
     words: list[str] = []
     for name in names:
         given = getattr(arguments, name)

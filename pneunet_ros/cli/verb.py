@@ -56,7 +56,7 @@ SENSOR_SETTINGS = (
 
 
 def output_console() -> Console:
-    """Return the console for tables; a pipe is as wide as a table needs."""
+    """Return the console for tables; for a pipe, as wide as the table."""
     return PlainConsole(
         width=None if sys.stdout.isatty() else 120, highlight=False, markup=False, emoji=False
     )
@@ -131,7 +131,7 @@ def print_notes(console: Console, sentences: Iterable[str]) -> None:
 def present_written(
     arguments: Namespace, content: dict[str, Any], text: str, more: Iterable[str] = ()
 ) -> None:
-    """Print the outputs of a verb, with its own sentences and these further ones as notes."""
+    """Print the outputs of a verb, with its own sentences and further notes."""
 
     def show(console: Console) -> None:
         console.print(text)
@@ -239,7 +239,7 @@ def units_of(arguments: Namespace, arm: Arm, default: UnitSystem = SI) -> UnitSy
 
 
 def scales_sentence(arm: Arm) -> str:
-    """Describe the scales by which dimensionless numbers were divided."""
+    """Describe the scales of dimensionless numbers."""
     length, weight = 1000.0 * arm.length, arm.weight
     return (
         f'dimensionless: lengths by l = {length:g} mm, forces by mg = {weight:g} N of {arm.name}'
@@ -254,7 +254,7 @@ def model_of(arguments: Namespace) -> Arm:
 def still_model_of(arguments: Namespace) -> Arm:
     """Return the requested model with a fixed direction of gravity.
 
-    RequestError if the direction of gravity is known from readings only.
+    RequestError if the direction of gravity is only known from readings.
     """
     arm = model_of(arguments)
     if arm.gravity.is_measured:

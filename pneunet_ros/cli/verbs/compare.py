@@ -95,7 +95,7 @@ def run(arguments: Namespace) -> int:
 
 
 def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
-    """Report that the target places of the shipped model were assumed, if any were compared."""
+    """Report that target positions of the shipped model were assumed, if targets were compared."""
     lines = [side.centerlines for side in (comparison.of, comparison.to)]
     places = arm.target_arclength
     if any(line is not None and np.array_equal(line.arclength, places) for line in lines):
@@ -152,7 +152,7 @@ def error_rows(name: str, errors: dict[str, Any], *, known: bool) -> Iterator[li
 
 
 def matched_sentence(name: str, errors: dict[str, Any]) -> str:
-    """Describe the compared topics, the number of frames, and how far their stamps differ."""
+    """Describe the compared topics, the number of frames, and the differences of their stamps."""
     of, to = errors['topics'].values()
     offsets = errors['stamps_apart']
     text = (

@@ -1,7 +1,7 @@
 """`pneunet demo`: run the estimator on Table 1 of the paper; writes a table, MCAP and picture.
 
-Kernels that are not cached are compiled when called: the demo needs only a third of them, and also
-runs if the image libraries are not installed.
+Kernels that are not cached are compiled when called, because the demo needs only a third of them,
+and also runs without the image libraries.
 """
 
 from __future__ import annotations

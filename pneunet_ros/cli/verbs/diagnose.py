@@ -165,7 +165,7 @@ def diagnose(
     held_out: Sequence[RecordingData],
     on_progress: OnProgress,
 ) -> tuple[Investigation | UnsettledInvestigation, Discovery]:
-    """Diagnose the recordings, and search for laws of what is left."""
+    """Diagnose the recordings, and search for laws of the remaining misfit."""
     from pneunet_ros.diagnosis.diagnosis import investigate, PARTS
     from pneunet_ros.discovery.discovery import discover
 
@@ -187,7 +187,7 @@ def diagnose(
 def show_answer(
     found: Diagnosis | UnsettledDiagnosis, discovery: Discovery, notes: Sequence[str], folder: Path
 ) -> None:
-    """Print the answer for people."""
+    """Print the answer for users."""
     from pneunet_ros.cli.diagnose_summary import show, show_unsettled
     from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 
@@ -211,7 +211,7 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
 def executor_for(
     scheduler: str | None, effects_path: Path | None = None
 ) -> AbstractContextManager[Executor | None]:
-    """Return the executor for simulating clean data: this process, unless others pay off.
+    """Return the executor for simulating clean data: this process, unless others are worthwhile.
 
     The workers of a cluster read user effects from the same path.
     """

@@ -174,7 +174,7 @@ def run(arguments: Namespace) -> int:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Recorder:
-    """Records experiments into a folder, and reads the recordings; notes: what was left out."""
+    """Records experiments into a folder, and reads the recordings; notes: on excluded readings."""
 
     write: WriteRecording
     model: Arm
@@ -206,7 +206,7 @@ class Recorder:
 
 
 def provenance_of(model: Arm, seed: int, settings: ExplorationSettings) -> dict[str, object]:
-    """Return what the answer depends on besides the recordings."""
+    """Return the provenance of the answer besides the recordings."""
     from pneunet_ros.cli.provenance import versions
     from pneunet_ros.files.model_file import model_hash
 
@@ -342,7 +342,7 @@ def show_round(rounds: list[Round], console: Console) -> None:
 def show_end(
     rounds: list[Round], discovery: Discovery, given: Given, folder: Path, console: Console
 ) -> None:
-    """Print the answer, what to do next, and the files."""
+    """Print the answer, the next step, and the files."""
     from pneunet_ros.diagnosis.result import Diagnosis
     from pneunet_ros.reports.diagnosis.report import next_steps
     from pneunet_ros.reports.exploration.report import last_sentence

@@ -110,7 +110,7 @@ def run(arguments: Namespace) -> int:
 def left_out(
     recording: Recording, topics: dict[str, str], settings: EstimatorSettings
 ) -> Iterator[Note]:
-    """Name what messages contain and a table does not; remove poses of another frame."""
+    """Describe content of messages that a table lacks; remove poses in another frame."""
     from pneunet_ros.recordings.dataset_reader import tip_frame
 
     frame = tip_frame(recording, topics.get(TIP_POSE.name), settings)

@@ -180,7 +180,7 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
 
 
 def searched(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
-    """Return the pressure and the shape that were found; RequestError if there are none."""
+    """Return the pressure and the shape found by the search; RequestError if there are none."""
     what, *numbers = arguments.pressure_for
     moment = arguments.moment or 0.0
     force = tuple(arguments.force or (0.0, 0.0))
@@ -318,7 +318,7 @@ def deviations(covariance: Array) -> list[float]:
 def show(
     arm: Arm, prediction: Prediction, pressure: float, units: UnitSystem, console: Console
 ) -> None:
-    """Print the answer at a reading of the pressure (Pa) for people."""
+    """Print the answer at a reading of the pressure (Pa) for users."""
     shape, estimate = prediction.shape, prediction.estimate
     residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
     console.print(f'{shape.status}{residual}')
@@ -364,7 +364,7 @@ def show(
 
 
 def likely_pressure(arm: Arm, pressure: float) -> str:
-    """Return a question if a pressure (Pa) is so small that probably another unit was meant."""
+    """Return a question if a pressure (Pa) is so small that another unit was probably meant."""
     record = record_of([0], [pressure])
     verdict = judge_pressure(
         record, PressureConvention(), [expected_of(arm)], moves=True, running=True

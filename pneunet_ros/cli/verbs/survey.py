@@ -126,7 +126,7 @@ def run(arguments: Namespace) -> int:
 
 @dataclass(slots=True, kw_only=True)
 class Survey:
-    """A survey in progress; kept: number of arms finished by an earlier run."""
+    """A survey in progress; kept: number of arms finished in an earlier run."""
 
     folder: SurveyFolder
     request: SurveyRequest

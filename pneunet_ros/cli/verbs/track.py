@@ -119,7 +119,7 @@ def add_film_options(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Track and summarize."""
+    """Track the images and summarize."""
     from pneunet_ros.cli.track_images import track  # imports of a second, not for --help
 
     return track(arguments)
