@@ -19,7 +19,7 @@ from pneunet_ros.nodes.sensor_description import sensor_description
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmConfiguration(ABC):
-    """An estimator or a fusion with the settings of its node, ready for use."""
+    """An estimator or a fusion with the settings of its node."""
 
     node: Any
 
@@ -40,7 +40,7 @@ class ArmConfiguration(ABC):
 
     @property
     def left_out(self) -> str:
-        """The model error that the standard deviations do not include; empty if none."""
+        """Describe the model error that the standard deviations do not include; empty if none."""
         return error_left_out(self.arm.covariance, self.arm.sources)
 
     @property

@@ -1,6 +1,6 @@
-"""Internal errors in callbacks: counted, logged once each, and survived.
+"""Internal errors in callbacks: counted, logged once each, and not fatal.
 
-A robot can do without one reading, but not without its node.
+A robot can miss one reading, but not its node.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class CallbackErrors:
     def guarded(
         self, callback: Callable[..., Any], failed: Callable[..., Any] = lambda *arguments: None
     ) -> Callable[..., Any]:
-        """Wrap a callback so that it raises nothing; failed: returns the result after an error.
+        """Wrap a callback so that it never raises; failed: returns the result after an error.
 
         After a signal, however, an error ends the node, because ROS raises errors in calls that a
         signal interrupts.

@@ -34,7 +34,7 @@ from std_srvs.srv import Trigger
 
 
 class Configuration(Protocol):
-    """Everything that the parameters of a node define, ready for use."""
+    """Everything that the parameters of a node define."""
 
     @property
     def model(self) -> str:
@@ -51,8 +51,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     """Parameters, their services, model_info, diagnostics and log of a node.
 
     configured: builds the configuration of all parameter values, reusing unchanged parts of the
-    current one, or raises PneunetError; for `~/reload_model` there is no current one, so that all
-    files are read again.
+    current configuration, or raises PneunetError; `~/reload_model` passes no current
+    configuration, so that all files are read again.
     """
 
     INFO_TOPIC: ClassVar[str] = 'model_info'
@@ -135,11 +135,11 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     @abstractmethod
     def forget(self) -> str:
-        """Forget all readings; return a description of what was done."""
+        """Discard all readings; return a description for the user."""
 
     @abstractmethod
     def reconfigure(self, configuration: C) -> None:
-        """Prepare the node for `configuration`, while the old one is still in use."""
+        """Prepare the node for `configuration`, while the old configuration is still in use."""
 
     @abstractmethod
     def diagnose(self) -> None:
@@ -175,7 +175,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         """Raise PneunetError if a configuration needs topics that this node does not read."""
 
     def reload_model(self, request: Any, response: Any) -> Any:
-        """Serve ~/reload_model: read all files again; on error nothing changes."""
+        """Serve ~/reload_model: read all files again; after an error, nothing changes."""
         try:
             found = self.configured(self.table.values(self), None)
             self.check_inputs(found)
@@ -221,7 +221,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.publish_model_info()
 
     def publish_model_info(self) -> None:
-        """Publish which model is in use, for current and later subscribers."""
+        """Publish the model in use, for current and later subscribers."""
         content = {'node': self.get_fully_qualified_name()} | json.loads(self.configuration.info())
         if self.sensors is not None:
             content['sensors_set_ns'] = self.other_descriptions.set_ns
@@ -315,11 +315,11 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
 
 def watch_clock(node: Any, log: Callable[[str], None]) -> Any:
-    """Report when the node's clock jumps back, or forward by more than a report period.
+    """Report a jump of the node's clock, back or forward by more than a report period.
 
-    A restarted simulator or a looping bag causes this. Only messages stamped with the current time
-    use this clock: readings have their own stamps, and timers use the steady clock. Returns an
-    object that must be kept as long as the clock is to be watched.
+    Caused by a restarted simulator or a looping bag. Only messages stamped with the current time
+    use this clock: readings have their own stamps, and timers use the steady clock. The clock is
+    watched for the lifetime of the returned object.
     """
     threshold = JumpThreshold(
         min_forward=Duration(seconds=REPORT_PERIOD),

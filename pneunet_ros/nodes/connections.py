@@ -69,10 +69,10 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
 
 
 def why_not(published: Any, subscribed: Any) -> str:
-    """Return why a publisher and a subscription are incompatible; empty if they match.
+    """Return the reason for an incompatible publisher and subscription; empty if they match.
 
-    Only reliability and durability are compared: for other policies, the graph does not show
-    whether a value was set.
+    Only reliability and durability are compared, because for other policies the graph does not
+    show whether a value was set.
     """
     if (published.reliability, subscribed.reliability) == (
         ReliabilityPolicy.BEST_EFFORT,

@@ -4,9 +4,9 @@
 
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
 are published on `pressure_command` and `force_command`, as for the virtual arm; `pressure`,
-`end_wrench` and `targets` are recorded. If no node subscribes to `force_command`, the user is
-asked to hang a load on the arm and to press Enter. At the end, or when interrupted, the experiment
-vents the arm and removes the load.
+`end_wrench` and `targets` are recorded. If no node subscribes to `force_command`, a prompt asks
+the user to hang a load on the arm and to press Enter. At the end, or when interrupted, the
+experiment vents the arm and removes the load.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class ExperimentNode(Node):
         return keep
 
     def command(self, seconds: float) -> None:
-        """Command the pressure and force for a time."""
+        """Publish the pressure and force commanded for a time (s)."""
         time_s, *columns = self.corners.T
         pressure, x, y = (float(np.interp(seconds, time_s, values)) for values in columns)
         self.send(pressure, x, y)
@@ -92,7 +92,7 @@ class ExperimentNode(Node):
         self.pressures.publish(PRESSURE.message(stamp_ns, row, BASE_FRAME, RCLPY_TYPES))
 
     def record_into(self, writer: RecordingWriter | None) -> None:
-        """Record messages from now on; None: stop recording."""
+        """Start recording messages; None: stop."""
         if writer is not None:
             types = {sensor.name: sensor.type for sensor in SENSORS}
             self.topics = {

@@ -1,12 +1,12 @@
 """A subscription that adopts the reliability and durability of its publishers.
 
 A reliable subscription receives nothing from a best-effort publisher, and a best-effort
-subscription loses many images of a reliable one. Latched messages reach only subscriptions that
-request them.
+subscription loses many images of a reliable publisher. Latched messages reach only subscriptions
+that request them.
 
-ReliabilityPolicy.BEST_AVAILABLE does not help: it checks the publishers only once, when the
-subscription is created, and if there are none it chooses reliable and latched. Messages of later
-publishers that offer less are then never received.
+ReliabilityPolicy.BEST_AVAILABLE does not help: the publishers are checked only once, when the
+subscription is created, and without publishers the policy is reliable and latched. Messages of
+later publishers that offer less are then never received.
 """
 
 from __future__ import annotations

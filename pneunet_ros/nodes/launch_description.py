@@ -1,7 +1,7 @@
 """Common parts of launch files: arguments, and the nodes of this package.
 
-Everything that a node would reject is rejected before the first process starts, because `launch`
-ends at an error but leaves the processes running that it has started.
+Invalid parameters are rejected before the first process starts, because `launch` ends at an error
+but leaves the processes running that it has started.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def describe_launch(
     """Return the description of a launch.
 
     arguments: default and meaning by name, including namespace and params_file; nodes: returns the
-    nodes to start for given values. Raises RequestError, before any process is started, if
-    something cannot be started, or if params_file names none of these nodes, in an absolute
-    namespace, so that they would silently ignore the file.
+    nodes to start for given values. Raises RequestError, before any process is started, if a node
+    cannot be started, or if params_file names none of these nodes in an absolute namespace, so
+    that the file would be silently ignored.
     """
 
     def start(context: Any) -> list[Any]:

@@ -1,8 +1,8 @@
-"""Load shedding: a late node drops frames, then readings, and reports how late it is.
+"""Load shedding: a node that falls behind drops frames, then readings, and reports its delay.
 
 Frames are dropped first. Readings wait for at most `input_timeout`, the time after which a silent
-sensor is reported. Later readings stay in the queues of the middleware, which keep only the last
-ones; the others count as lost.
+sensor is reported. Later readings stay in the queues of the middleware, which keep only the
+newest; the others count as lost.
 """
 
 from __future__ import annotations
@@ -65,16 +65,16 @@ class LoadShedding:
         return self._late
 
     def is_full(self) -> bool:
-        """Whether messages have been waiting for so long that no others are received.
+        """Whether the backlog is so long that no further messages are received.
 
-        It is never true before frames are dropped, nor while a reading waits for another sensor's
+        Never true before frames are dropped, nor while a reading waits for another sensor's
         reading of the same stamp.
         """
         longest_ns = max(self.timeout() * NANOSECONDS_PER_SECOND, LONGEST_BACKLOG_NS)
         return self.span() >= longest_ns
 
     def sentence(self) -> str:
-        """Report frames dropped since the last call, and readings that wait; empty if none."""
+        """Report frames dropped since the last call, and waiting readings; empty if none."""
         new, self._unreported = self._unreported, 0
         count, span_ns = self.backlog()
         facts = []

@@ -1,4 +1,4 @@
-"""The log of a node, which limits how often a message repeats."""
+"""The log of a node, with rate-limited messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages that were sent but never received, from the DDS sequence numbers."""
+"""Lost messages, counted from the DDS sequence numbers."""
 
 from __future__ import annotations
 

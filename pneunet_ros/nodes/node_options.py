@@ -15,7 +15,7 @@ class NodeOptions:
 
     namespace: full name; empty: that of the command line. parameters: override those of the
     command line. topics: remapping of the topics of the node. sibling: the configuration of
-    another node, whose model is used too if the files are the same. foreign_parameters: names of
+    another node, whose model is shared if the files are the same. foreign_parameters: names of
     parameters on the command line that belong to other nodes. cameras: the cameras of the trackers
     of this process, by topic.
     """

@@ -38,8 +38,8 @@ VECTORS = ('gravity', 'imu_from_base')  # texts of numbers, which may also be a 
 class ParameterTable:
     """The fields of settings dataclasses as the parameters of a node.
 
-    read_only: names of parameters fixed for the life of a node, because topics and message layouts
-    depend on them. left_out: fields that the node does not use, which keep their default.
+    read_only: names of parameters fixed for the lifetime of a node, because topics and message
+    layouts depend on them. left_out: fields that the node does not use, which keep their default.
     """
 
     owners: tuple[type, ...]
@@ -53,12 +53,12 @@ class ParameterTable:
         object.__setattr__(self, 'fields', fields)
 
     def used_fields(self, owner: type) -> list[dataclasses.Field[Any]]:
-        """Return those fields of a settings dataclass that are parameters of the node."""
+        """Return the fields of a settings dataclass that are parameters of the node."""
         fields = dataclasses.fields(owner)
         return [item for item in fields if item.name not in self.left_out]
 
     def describe(self, item: dataclasses.Field[Any]) -> ParameterDescriptor:
-        """Describe a parameter for people, and for rclpy, which enforces its range."""
+        """Describe a parameter for users, and for rclpy, which enforces its range."""
         meta = item.metadata
         unit = meta.get('unit')
         descriptor = ParameterDescriptor(
@@ -133,7 +133,7 @@ class ParameterTable:
 def setting_value(name: str, value: Any) -> Any:
     """Return a parameter value in the form used by the settings.
 
-    A list of numbers of `VECTORS` is a text, any other list a tuple.
+    A list of numbers in `VECTORS` becomes a text, any other list a tuple.
     """
     if name in VECTORS and isinstance(value, list | array):
         numbers = not any(isinstance(one, str) for one in value)
@@ -176,7 +176,7 @@ def arm_from_file(model_file: str, effects_path: str, gravity: str = '') -> Arm:
 
 
 def check_source(new: GravitySource, old: GravitySource) -> None:
-    """Reject a source of gravity whose topics the node does not read; old: that of its start."""
+    """Reject a source of gravity whose topics the node does not read; old: source at startup."""
     if new.frame != old.frame or new.uses_imu > old.uses_imu:
         raise RequestError(
             'this node was started without the topics that give the direction of gravity '

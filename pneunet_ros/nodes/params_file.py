@@ -1,4 +1,4 @@
-"""Nodes in a parameter file, whose keys ROS 2 compares with the full names of nodes."""
+"""Nodes in a parameter file, whose keys ROS 2 matches against the full names of nodes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
 
 
 def own_parameters(path: str | Path, node: str) -> dict[str, Any]:
-    """Return what a file gives to a node (full name) under its name and that of its namespace."""
+    """Return the parameters of a node (full name) under its name and its namespace in a file."""
     own = node.split('/')[-2:]
     try:
         found = _FILE.load(path, lambda content: list(_parameters(content, [])))
@@ -57,7 +57,7 @@ def own_parameters(path: str | Path, node: str) -> dict[str, Any]:
 
 
 def missed_node(path: str | Path, node: str) -> str:
-    """Report that a file names a node (full name) only in other namespaces, else return ''."""
+    """Report a file that names a node (full name) only in other namespaces; '' otherwise."""
     try:
         names = _names_in_file(path)
     except PneunetError:  # ROS has read the file and reported its errors

@@ -1,4 +1,4 @@
-"""The life of a node's process: signals end it cleanly, and a wrong request gives one sentence."""
+"""The process of a node: clean shutdown by signals, and one sentence for a user error."""
 
 from __future__ import annotations
 

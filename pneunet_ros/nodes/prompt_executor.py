@@ -1,9 +1,9 @@
 """An executor that runs message callbacks immediately, in order of arrival.
 
-The executor of rclpy takes one message of each topic per turn, makes a task of each callback, and
-wakes up again after each task: this takes longer than an estimate and changes the order of
-arrival. Its EventsExecutor is experimental, and in the wheels of rclpy 7.1.5 it never runs a
-callback.
+The executor of rclpy takes one message of each topic per turn, creates a task for each callback,
+and wakes up again after each task, which takes longer than an estimate and changes the order of
+arrival. The EventsExecutor of rclpy is experimental, and in the wheels of rclpy 7.1.5 it never
+runs a callback.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ Result = TypeVar('Result')
 
 
 class SteadyTime:
-    """Converts arrival times of the wall clock to a clock that is never set.
+    """Converts arrival times from the wall clock to the monotonic clock.
 
-    The difference of the clocks is kept while it holds, so that messages keep their order.
+    The offset between the clocks is kept while it remains valid, so that messages keep their
+    order.
     """
 
     def __init__(self) -> None:
@@ -62,18 +63,18 @@ steady = SteadyTime()
 
 
 def never() -> bool:
-    """Return False: messages are received however many are waiting."""
+    """Return False: messages are received regardless of the backlog."""
     return False
 
 
 class ImmediateGroup(MutuallyExclusiveCallbackGroup):
-    """Callback group of one subscription, whose callback takes a message and its info.
+    """Callback group of one subscription, with a callback for a message and its info.
 
     order: common processing order of related subscriptions; topic: name within that order; errors:
-    counts invalid messages, which raise an error without it; patience_ns: how much earlier than
+    counts invalid messages, which raise an error if it is None; patience_ns: how much earlier than
     messages of other nodes a message must arrive to be processed before them; read: deserializes
-    the messages of a raw subscription; is_full: whether so many messages are waiting that no
-    others are received.
+    the messages of a raw subscription; is_full: whether the backlog is so long that no further
+    messages are received.
     """
 
     def __init__(
@@ -165,9 +166,9 @@ class RunningCallback(NamedTuple):
     begin_ns: int
 
     def yields_to(self, other: Queue, now_ns: int) -> bool:
-        """Whether messages of another node may interrupt this callback in its pauses.
+        """Whether messages of another node may preempt this callback in its pauses.
 
-        These are messages of a node with less patience, or with equal patience if the work takes
+        True for messages of a node with less patience, or with equal patience if the work takes
         long.
         """
         is_long = now_ns - self.begin_ns >= LONG_NS
@@ -175,15 +176,15 @@ class RunningCallback(NamedTuple):
 
 
 class PromptExecutor(SingleThreadedExecutor):
-    """Runs timers and immediate subscriptions; the executor of rclpy does the rest.
+    """Runs timers and immediate subscriptions; the executor of rclpy runs everything else.
 
-    Of several nodes, the message that arrived first is processed first, allowing for the patience
-    of its node. In the pauses of a callback (`core.pauses`), more urgent messages of other nodes
-    are processed. Only subscriptions, timers and services wake the executor. Other entities of a
-    node, such as actions, are polled every `POLL_NS` if its `is_polled` is set. A process with
-    many nodes has over a hundred services, and waiting for all of them takes longer than an
-    estimate: while messages arrive, each service is polled every `SERVICE_NS`. When no message is
-    waiting, the `settle` of a node that `is_unsettled` is called.
+    Messages of several nodes are processed in order of arrival, allowing for the patience of each
+    node. In the pauses of a callback (`core.pauses`), more urgent messages of other nodes are
+    processed. Only subscriptions, timers and services wake the executor. Other entities of a node,
+    such as actions, are polled every `POLL_NS` if its `is_polled` is set. A process with many
+    nodes has over a hundred services, and waiting for all of them takes longer than an estimate:
+    while messages arrive, each service is polled every `SERVICE_NS`. When no message is waiting,
+    `settle` is called on a node that `is_unsettled`.
     """
 
     def __init__(self, context: Context | None = None) -> None:
@@ -206,7 +207,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self.context.on_shutdown(self.wake)
 
     def wake(self) -> None:
-        """Check again which entities to wait for."""
+        """Update the list of entities to wait for."""
         self._changed = True
         self._wake.trigger()
         super().wake()
@@ -276,9 +277,9 @@ class PromptExecutor(SingleThreadedExecutor):
     def call_messages(self, ready: Collection[int], begin_ns: int, *, all_arrived: bool) -> bool:
         """Run callbacks of received messages for a while; return whether there were any.
 
-        begin_ns: start of the search for messages. Searching takes long on a busy machine, and
-        must not take most of the time. all_arrived: whether to process all arrived messages,
-        because a request comes next, which is served after the messages that were sent before it.
+        begin_ns: start of the search for messages. Searching is slow on a busy machine and must
+        not take most of the time. all_arrived: whether to process all arrived messages, because
+        the next item is a service request, which is served after the messages sent before it.
         """
         for queue in self._queues:
             if queue.is_ready(ready, begin_ns):
@@ -345,7 +346,8 @@ class PromptExecutor(SingleThreadedExecutor):
     def call_urgent(self) -> None:
         """Process messages more urgent than the running callbacks, in a pause of the last one.
 
-        While messages wait, they get a fixed multiple of the time of the callback, which must end.
+        Waiting messages get a fixed multiple of the time of the callback, so that the callback can
+        end.
         """
         now_ns = time.monotonic_ns()
         if now_ns < self._pause_ns or not self._running:
@@ -364,7 +366,7 @@ class PromptExecutor(SingleThreadedExecutor):
     def call_timer(self, timer: Any, node: Any) -> None:
         """Run a timer callback, unless an earlier callback has destroyed the timer.
 
-        All messages are more urgent than timers, which serve only observers.
+        All messages take precedence over timers, which serve only observers.
         """
         try:
             with timer.handle:

@@ -1,4 +1,4 @@
-"""Keeps the sensor settings of all nodes of an arm equal, by comparing their `model_info`.
+"""Synchronizes the sensor settings of all nodes of an arm by comparing their `model_info`.
 
 A setting changed at run time, for example by `~/zero_pressure`, is adopted by the other nodes.
 Other differences, such as between parameter files, are reported.
@@ -33,8 +33,8 @@ def sensor_description(settings: EstimatorSettings) -> dict[str, Any]:
 class OtherDescriptions:
     """Sensor settings of the other nodes of an arm, by node name.
 
-    set_ns: when each setting of this node was changed at run time; an adopted setting keeps the
-    time of its change.
+    set_ns: time at which each setting of this node was changed at run time; an adopted setting
+    keeps the time of its change.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class OtherDescriptions:
     def note_set(
         self, before: Mapping[str, Any], after: Mapping[str, Any], times: Mapping[str, int]
     ) -> None:
-        """Record which settings of this node are new; times: those of adopted settings."""
+        """Record the changed settings of this node; times: of adopted settings."""
         now_ns = time.time_ns()
         new = (name for name, value in after.items() if before.get(name) != value)
         # A clock that was set back must not make a change older than the one before it.
@@ -55,8 +55,8 @@ class OtherDescriptions:
     def take(self, text: str, pressure: str) -> tuple[dict[str, Any], dict[str, int]]:
         """Process the `model_info` of another node; return its newer settings, with their times.
 
-        text: the `model_info`, as JSON; pressure: topic of this node: one that reads another is of
-        another arm.
+        text: the `model_info`, as JSON; pressure: topic of this node; a node that reads a
+        different topic belongs to another arm.
         """
         try:
             content = json.loads(text)

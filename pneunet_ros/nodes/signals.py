@@ -1,4 +1,4 @@
-"""Shutdown by signals: the first one stops the process, later ones do not disturb the cleanup."""
+"""Shutdown by signals: the first stops the process, later ones do not interrupt the cleanup."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def ignore_signals() -> None:
 def refuse_signals() -> None:
     """Ignore all signals during the last moments of the interpreter.
 
-    When Python ends, it replaces its handlers by the default, and a signal would then kill it.
-    Call this only after ROS has shut down, because ROS restores the previous handler.
+    When Python ends, it restores the default handlers, and a signal would then kill it. Call this
+    only after ROS has shut down, because ROS restores the previous handler.
     """
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -1,6 +1,6 @@
-"""Several nodes in one process and one thread: less memory, and only one process to start.
+"""Several nodes in one process and one thread, to save memory and startup time.
 
-A busy node delays the others: if an estimate must not wait for an image, start the nodes in
+A busy node delays the others. If an estimate must not wait for an image, start the nodes in
 separate processes.
 """
 

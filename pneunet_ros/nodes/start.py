@@ -1,7 +1,7 @@
-"""Start nodes: install signal handlers before the slow imports.
+"""Start of nodes: signal handlers are installed before the slow imports.
 
-Only the signal module is imported before signals are handled, so that a signal in the first second
-also ends the process cleanly.
+Only the signal module is imported before signals are handled, so that the process ends cleanly
+even if a signal arrives in the first second.
 """
 
 from __future__ import annotations

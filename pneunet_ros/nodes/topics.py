@@ -1,8 +1,8 @@
 """The topics of a node: their quality of service, and how it can be overridden.
 
-No publisher or subscription here has event callbacks: rclpy checks each of them in every turn of
-the executor, which doubles the latency. Such callbacks would only log a QoS mismatch, which the
-other side logs as well.
+Publishers and subscriptions have no event callbacks, because rclpy checks each of them in every
+turn of the executor, which doubles the latency. Such callbacks would only log a QoS mismatch,
+which the other side logs as well.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def subscription(
 
     A callback with two parameters (message, info) is called immediately. group: processing order
     shared with other subscriptions; None: an order of this topic alone, in which no messages are
-    received while others wait, so that the middleware drops the oldest of too many.
+    received while others wait, so that the middleware drops the oldest messages of a backlog.
     """
     if group is None and len(inspect.signature(callback).parameters) == 2:
         order: ArrivalOrder[Any] = ArrivalOrder([topic])
@@ -111,7 +111,7 @@ def group_of(
 def subscribe_in_order(node: Any, takes: Mapping[Input[Any], Callable[..., None]]) -> None:
     """Subscribe to sensor topics, and process their messages in one common order.
 
-    takes: callbacks (message, info) by sensor, in the order for ties. While the node is late,
+    takes: callbacks (message, info) by sensor, in the order for ties. While the node is behind,
     frames are dropped (`LoadShedding`).
     """
     order = arrival_order(takes)

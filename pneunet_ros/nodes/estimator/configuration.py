@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the estimator, accepted or rejected as a whole."""
+"""Configuration of the estimator from its parameters, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ PARAMETERS = ParameterTable(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorConfiguration(ArmConfiguration):
-    """An estimator with the settings of its node, ready for use."""
+    """An estimator with the settings of its node."""
 
     node: NodeSettings
     estimator: Estimator
@@ -127,8 +127,8 @@ def configured_estimator(
 ) -> EstimatorConfiguration:
     """Build the configuration of all parameter values.
 
-    The model file is read unless `current` already has its model. Raises PneunetError with the
-    problem.
+    The model file is read unless `current` already has its model. Raises PneunetError for invalid
+    values.
     """
     node, settings = PARAMETERS.settings(values)
     arm = arm_of(node, current)

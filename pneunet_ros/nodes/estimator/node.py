@@ -56,7 +56,7 @@ ROS parameters, as in
 
 
 class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
-    """Feeds readings to an `Estimator` and publishes the estimate in the same callback."""
+    """Passes readings to an `Estimator` and publishes the estimate in the same callback."""
 
     def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""
@@ -185,7 +185,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             return None
 
     def note_reset(self, resets: int) -> None:
-        """Log when the estimator restarted because time jumped back."""
+        """Log a restart of the estimator after a jump back in time."""
         if self.state.resets > resets:
             self.zero.forget()
             sentence = 'time jumped back: the estimator was reset'
@@ -210,7 +210,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         return estimator.arm, estimator.settings
 
     def forget(self) -> str:
-        """Forget all readings."""
+        """Discard all readings."""
         self.state, self.consistency = self.state.fresh(), self.consistency.fresh()
         self.zero.forget()
         return 'the estimator was reset'

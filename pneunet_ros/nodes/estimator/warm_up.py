@@ -15,10 +15,10 @@ from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 
 
 def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
-    """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
+    """Run every kernel and encoder once; return why the model gave no estimate, or ''.
 
-    A kernel that is compiled or loaded at its first use would delay the readings of a running arm,
-    so the kernels for hard cases are run as well.
+    A kernel that is compiled or loaded at first use would delay the readings of a running arm, so
+    the kernels for difficult cases are run as well.
     """
     arm = estimator.arm
     low, high = arm.pressure_range

@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the fusion, accepted or rejected as a whole."""
+"""Configuration of the fusion from its parameters, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pneunet_ros.nodes.parameters import EFFECTS_PATH, GRAVITY, ParameterTable, 
 class NodeSettings:
     """Settings of the node, in addition to those of its sensors.
 
-    These are the settings of the fusion that depend on the setup.
+    These settings of the fusion depend on the setup.
     """
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
@@ -88,7 +88,7 @@ PARAMETERS = ParameterTable(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionConfiguration(ArmConfiguration):
-    """A fusion with the settings of its node, ready for use."""
+    """A fusion with the settings of its node."""
 
     node: NodeSettings
     fusion: Fusion
@@ -123,8 +123,8 @@ def configured_fusion(
 ) -> FusionConfiguration:
     """Build the configuration from the values of all parameters.
 
-    The model file is read unless `current` already has its model. Raises PneunetError with the
-    problem.
+    The model file is read unless `current` already has its model. Raises PneunetError for invalid
+    values.
     """
     node, sensors = PARAMETERS.settings(values)
     arm = arm_of(node, current)

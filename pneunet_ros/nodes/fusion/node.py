@@ -48,7 +48,7 @@ parameters, as in
 
 
 class FusionNode(ConfiguredNode[FusionConfiguration]):
-    """Feeds messages to a `Fusion` and publishes its results in the same callback."""
+    """Passes messages to a `Fusion` and publishes its results in the same callback."""
 
     PATIENCE: ClassVar[float] = 0.01  # a frame takes longer than ten estimates of an estimator
 
@@ -141,7 +141,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         return fusion.arm, fusion.sensors
 
     def forget(self) -> str:
-        """Forget all readings and frames."""
+        """Discard all readings and frames."""
         self.settle()
         self.state = self.state.restarted()
         self.zero.forget()

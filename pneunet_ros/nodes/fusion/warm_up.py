@@ -21,10 +21,10 @@ FRAME_PERIOD_NS = NANOSECONDS_PER_SECOND // 10
 
 
 def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
-    """Run every kernel and every encoder once; returns why there was no estimate, or ''.
+    """Run every kernel and every encoder once; return why there was no estimate, or ''.
 
-    Frames of the unloaded arm are processed without and with its wrench, until another search from
-    cold starts begins, the slowest operation. Plain Python needs no warm-up.
+    Frames of the unloaded arm are processed without and with its wrench, until a search from cold
+    starts, the slowest operation, has been run. Plain Python needs no warm-up.
     """
     arm, sensors = fusion.arm, fusion.sensors
     pressure = 0.5 * sum(arm.pressure_range)
@@ -56,7 +56,7 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
 
 
 def unloaded(stamp_ns: int, frame_id: str) -> WrenchReading:
-    """Return the wrench of an arm that nothing touches."""
+    """Return the wrench of an arm without contact."""
     return WrenchReading(
         stamp_ns=stamp_ns, force_x=0.0, force_y=0.0, moment=0.0, frame_id=frame_id
     )

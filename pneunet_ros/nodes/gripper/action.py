@@ -41,11 +41,11 @@ def serve_action(node: Any, goals: GripperGoals) -> Any:
 
 
 class GripperGoals:
-    """Executes goals, each until a newer command replaces its own.
+    """Executes goals, each until a newer command replaces it.
 
     kind: the type of the action. A goal ends when the width is reached, or when the arms hold an
-    object with the largest allowed force; the latter sets `stalled` and is not a failure. It is
-    aborted where an arm waits too long for a frame or a known force.
+    object with the largest allowed force; the latter sets `stalled` and is not a failure. The goal
+    is aborted if an arm waits too long for a frame or a known force.
     """
 
     def __init__(self, grasping: Grasping, kind: Any) -> None:
@@ -90,7 +90,7 @@ class GripperGoals:
         return message
 
     async def next_grasp(self, waiting_since: float) -> Grasp | None:
-        """Return the next grasp; None if there is none in time."""
+        """Return the next grasp; None after a timeout."""
         before = self.grasping.grasp
         while self.grasping.grasp is before or self.grasping.grasp is None:
             if time.monotonic() - waiting_since > SILENCE:

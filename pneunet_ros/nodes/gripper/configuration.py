@@ -168,7 +168,7 @@ def parameters_of(settings: GripperSettings, block: ArmBlock, node: str) -> dict
 
 
 def check_own(files: Iterable[str], node: str, given: Mapping[str, Any]) -> None:
-    """Raise RequestError if a file gives a node of an arm what the gripper gives it otherwise.
+    """Raise RequestError if a file and the gripper give a node of an arm different values.
 
     node: full name; given: its parameters from the gripper, which would win.
     """
@@ -208,8 +208,8 @@ def arms_of(
 ) -> tuple[dict[str, ArmBlock], Gripper | None]:
     """Return the blocks of all arms, and the gripper if they have mounts.
 
-    given: as for `block_of`. RequestError for keys that no node knows, invalid mounts, and arms
-    that would share a frame.
+    given: as for `block_of`. RequestError for unknown keys, invalid mounts, and arms that would
+    share a frame.
     """
     blocks = {arm: block_of(arm, given) for arm in settings.arms}
     topics = {topic for of_node in TOPICS_OF.values() for topic in of_node}
@@ -275,9 +275,9 @@ def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, 
 def block_of(arm: str, given: Mapping[str, Any]) -> ArmBlock:
     """Return the block of an arm.
 
-    given: parameters of the gripper, those of a block as NAME.KEY. A key is `topics.` and the name
-    of a topic, a node and one of its parameters (`fusion.use_wrench`), a parameter for all nodes
-    that have it, or `mount`. RequestError for any other key.
+    given: parameters of the gripper, those of a block as NAME.KEY. A key is one of: `topics.` and
+    the name of a topic; a node and one of its parameters (`fusion.use_wrench`); a parameter for
+    all nodes that have it; `mount`. RequestError for any other key.
     """
     topics: dict[str, str] = {}
     mount: Sequence[float] | None = None

@@ -30,7 +30,7 @@ class Grasping:
     """Publishes the grasp of a gripper, and executes commands.
 
     A grasp is computed from the last frames of the arms, once all of them have a new one. fusions:
-    the nodes, by the name of their arm. Nothing is computed without a subscriber or a command.
+    the nodes, by the name of their arm. Without a subscriber or a command, nothing is computed.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Grasping:
         return self.command is not None or self.states.get_subscription_count() > 0
 
     def take_frame(self, arm: str) -> None:
-        """Process a frame that the fusion of an arm has used."""
+        """Process a frame used by the fusion of an arm."""
         if not self.is_wanted:
             self.forget_frames()
             return
@@ -109,7 +109,7 @@ class Grasping:
         self.follow(now)
 
     def forget_frames(self) -> None:
-        """Begin again with the next frame of every arm."""
+        """Restart with the next frame of every arm."""
         self.seen.clear()
         self.new.clear()
         self.health.forget_frames()
@@ -129,7 +129,7 @@ class Grasping:
             self.node.log.warn('command', sentence, time.monotonic())
 
     def order(self, width: float, force: float) -> GripCommand:
-        """Execute a command from now on; force: 0 or less means the largest allowed one."""
+        """Start executing a command; force: 0 or less means the largest allowed force."""
         command = GripCommand(
             width=width, force=self.settings.max_force if force <= 0.0 else force
         )
@@ -141,7 +141,7 @@ class Grasping:
 
     @property
     def allowed(self) -> GripCommand | None:
-        """The command, with no more than the force that is allowed now."""
+        """The command, with the force limited to the currently allowed value."""
         if self.command is None:
             return None
         force = min(self.command.force, self.settings.max_force)
@@ -203,23 +203,23 @@ class Grasping:
         return self.is_so(Closing.is_stalled)
 
     def is_blind(self) -> bool:
-        """Whether the grip cannot close any further until a force is known again."""
+        """Whether the grip cannot close any further until the force is known again."""
         return self.is_so(Closing.is_blind)
 
     def is_so(self, question: Callable[..., bool]) -> bool:
-        """Answer a question on the last grasp to the controller; no, without a grasp."""
+        """Evaluate a condition of the controller on the last grasp; False without a grasp."""
         command = self.allowed
         if command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():
             return False
         return question(self.controller(), self.seen, self.pressures, command, self.grasp.width)
 
     def forget(self) -> None:
-        """Forget all frames and the command."""
+        """Discard all frames and the command."""
         self.forget_frames()
         self.grasp = self.command = None
 
     def report(self, now: float) -> Report:
-        """Summarize the time since the last report: values of a grasp only if there was one."""
+        """Summarize the time since the last report, with values of a grasp if there was one."""
         numbers: dict[str, float] = {'commands_rejected': self.health.rejected}
         if self.health.grasps and self.grasp is not None:
             grasp = self.grasp

@@ -10,8 +10,8 @@ from pneunet_ros.core.health import Level
 class GraspHealth:
     """Collects frames and grasps; all times are in seconds of one steady clock.
 
-    A fault is in the next report, and without a grasp since the last report it is an ERROR. While
-    nobody asks for a grasp, no frames are missed.
+    A fault appears in the next report, as an ERROR if there was no grasp since the last report.
+    Missing frames are a fault only while a grasp is requested.
     """
 
     def __init__(self, arms: Iterable[str]) -> None:
@@ -27,7 +27,7 @@ class GraspHealth:
         self._frame_at[arm] = now
 
     def forget_frames(self) -> None:
-        """Begin again with the next frame of every arm."""
+        """Restart with the next frame of every arm."""
         self._frame_at.clear()
         self._longest.clear()
 
@@ -41,10 +41,9 @@ class GraspHealth:
         self.note(fault)
 
     def report(self, longest: float, now: float, *, is_wanted: bool) -> tuple[Level, str]:
-        """Return level and sentence for the time since the last report, and begin the next one.
+        """Return level and sentence for the time since the last report, and start the next one.
 
-        longest: time (s) without a frame that is no fault; is_wanted: whether anybody asks for a
-        grasp.
+        longest: tolerated time (s) without a frame; is_wanted: whether a grasp is requested.
         """
         faults = list(self._faults)
         if is_wanted:

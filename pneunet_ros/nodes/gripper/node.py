@@ -1,7 +1,7 @@
 """The node `gripper`: the nodes of several arms in one process and one thread.
 
-Each arm has its estimator and, if requested, its fusion and tracker, in a namespace with its name.
-They are the same nodes as for a single arm, with all their topics and services.
+Each arm has its estimator and, if requested, its fusion and tracker, in a namespace named after
+the arm. These are the nodes of a single arm, with all their topics and services.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         self.log_ready()
 
     def check_given(self) -> None:
-        """Raise RequestError for parameters given to this node alone that it does not have."""
+        """Raise RequestError for unknown parameters given to this node alone."""
         arms = self.configuration.node.arms
         alone = [
             name
@@ -90,7 +90,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
             )
 
     def unknown_parameters(self) -> list[str]:
-        """Return given names that have no effect, also those in blocks for nodes not started."""
+        """Return given names without effect, including those in blocks of nodes not started."""
         settings = self.configuration.node
         return [
             name
@@ -103,7 +103,7 @@ class GripperNode(ConfiguredNode[GripperConfiguration]):
         ]
 
     def forget(self) -> str:
-        """Forget all readings of all arms."""
+        """Discard all readings of all arms."""
         for member in self.members:
             member.forget()
         if self.grasping is not None:

@@ -1,4 +1,4 @@
-"""Services of a gripper that are those of all its arms."""
+"""Services of a gripper that call the services of all its arms."""
 
 from __future__ import annotations
 

@@ -48,13 +48,13 @@ class Camera:
         node.call_every(FOLLOW_PERIOD, self.follow)
 
     def add(self, node: Any) -> None:
-        """Pass images to a node from now on; CameraError if its row belongs to another node."""
+        """Start passing images to a node; CameraError if its row belongs to another node."""
         nodes = self.nodes | {node.get_fully_qualified_name(): node}
         check_rows({name: one.configuration.tracker for name, one in nodes.items()})
         self.nodes = nodes
 
     def take_camera_info(self, message: Any) -> None:
-        """Use a camera_info message from now on."""
+        """Process a camera_info message."""
         try:
             lens = decode_camera_info(message)
         except (MessageError, CameraError) as error:
@@ -114,7 +114,7 @@ def camera_of(node: Any) -> Camera:
 
 
 def image_topic_of(node: Any) -> tuple[str, str, bool]:
-    """Return the topic of the images of a tracker node, its type, and whether it is compressed."""
+    """Return the image topic of a tracker node, its type, and whether it is compressed."""
     # Renaming the image renames what is made of it, as everywhere in ROS.
     topic = node.resolve_topic_name('image_raw')
     if node.configuration.node.image_transport == COMPRESSED:

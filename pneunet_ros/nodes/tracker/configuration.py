@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the tracker, accepted or rejected as a whole."""
+"""Configuration of the tracker from its parameters, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ PARAMETERS = ParameterTable(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackerConfiguration:
-    """A tracker with the settings of its node, ready for use."""
+    """A tracker with the settings of its node."""
 
     node: TrackerSettings
     tracker: Tracker
@@ -97,8 +97,8 @@ def configured_tracker(
 ) -> TrackerConfiguration:
     """Build the configuration of all parameter values.
 
-    Files are read unless `current` already has their content. Raises PneunetError with the
-    problem.
+    Files are read unless `current` already has their content. Raises PneunetError for invalid
+    values.
     """
     (node,) = PARAMETERS.settings(values)
     if current is not None and node == current.node:

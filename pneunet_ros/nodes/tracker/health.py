@@ -17,8 +17,9 @@ IMAGE_TIMEOUT = 2.0  # s without an image: an error
 class TrackerHealth(InputHealth):
     """Collects the outcomes of images.
 
-    The level of a report is the worst since the last one: ERROR while no frame is tracked, WARN if
-    some are not, or if targets are missing. straight: whether a bow at rest is an error.
+    The level of a report is the worst since the last report: ERROR if no frame was tracked, WARN
+    if some frames were not, or if targets are missing. straight: whether a bow at rest is an
+    error.
     """
 
     def __init__(self, image_topic: str, now: float, straight: bool = True) -> None:
@@ -30,7 +31,7 @@ class TrackerHealth(InputHealth):
         self.begin_next(now)
 
     def begin_next(self, now: float) -> None:
-        """Start the period up to the next report."""
+        """Start the next report period."""
         super().begin_next(now)
         self._explained = 0
         self._sentences: dict[str, str] = {}

@@ -45,7 +45,7 @@ are ROS parameters, as in
 
 
 class TrackerNode(ConfiguredNode[TrackerConfiguration]):
-    """Feeds images to a `Tracker` and publishes its results in the same callback."""
+    """Passes images to a `Tracker` and publishes its results in the same callback."""
 
     PATIENCE: ClassVar[float] = 0.02  # an image takes longer than all else
 
@@ -130,11 +130,11 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
             self.log.warn('silence', report.message, now)
 
     def forget(self) -> str:
-        """Forget all images, but not the camera."""
+        """Reset the tracking, but keep the camera."""
         self.state = self.configuration.tracker.reset(self.state)
         return 'the tracker was reset'
 
     def reconfigure(self, configuration: TrackerConfiguration) -> None:
-        """Start again if the configuration has changed; camera information remains valid."""
+        """Restart if the configuration has changed; camera information remains valid."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)

@@ -22,9 +22,9 @@ from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
 
 def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
-    """Run every kernel and every encoder once; returns why targets were not seen, or ''.
+    """Run every kernel and every encoder once; return why targets were not seen, or ''.
 
-    The arm is drawn at rest, and the plane is found from it whatever the settings.
+    The arm is drawn at rest, and determines the plane regardless of the settings.
     """
     resting = replace(
         tracker.settings,

@@ -1,4 +1,4 @@
-"""Configuration from the parameters of the virtual arm, accepted or rejected as a whole."""
+"""Configuration of the virtual arm from its parameters, accepted or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ PARAMETERS = ParameterTable(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualArmConfiguration:
-    """A live lab with the settings of its node, ready for use."""
+    """A live lab with the settings of its node."""
 
     node: VirtualArmSettings
     lab: LiveLab

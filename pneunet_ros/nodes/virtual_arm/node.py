@@ -137,7 +137,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.log.warn('range', sentence, time.monotonic())
 
     def take_load(self, message: Any) -> None:
-        """Apply a load to the free end from now on."""
+        """Apply a load to the free end."""
         try:
             wrench = END_WRENCH.decode(message)
         except MessageError as error:
@@ -153,7 +153,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(NOT_FINITE, str(error))
 
     def refuse(self, reason: str, sentence: str) -> None:
-        """Count a command that has no effect."""
+        """Count a rejected command."""
         self.rejected[reason] += 1
         self.refused = sentence
         self.log_refusal(drop(0, reason, sentence))

@@ -1,7 +1,7 @@
 """The node `virtual_gripper`: virtual arms around an object, for the node `gripper`.
 
-It reads arms and mounts from the parameters of the gripper. The object is a soft cylinder along
-the direction of the gripper, in its middle, that pushes the tips back.
+Arms and mounts are read from the parameters of the gripper. The object is a soft cylinder in the
+middle of the gripper, along its direction, that pushes the tips back.
 """
 
 from __future__ import annotations
