@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.calibration.settings import RESOLUTION
 from pneunet_ros.diagnosis.diagnosis import diagnose
-from pneunet_ros.diagnosis.settings import DEFAULTS
 import pytest
 from static_frames import diagnosed, Found, made, model, recorded, summary, WANTED
 
@@ -89,13 +89,12 @@ def test_what_an_uneven_arm_does_as_well_is_not_observable():
     assert not any(item.observable for item in answer.detectable.values())
 
 
-def test_detection_limits_are_those_beside_an_arm_that_may_bend_unevenly():
+def test_detection_limits_are_those_beside_an_arm_that_may_bend_unevenly(monkeypatch):
     bench = made(4, 0)
     training, _ = recorded(bench, 4)
-    certain = replace(DEFAULTS.calibration.resolution, nonuniform=1e-6)
-    even = replace(DEFAULTS, calibration=replace(DEFAULTS.calibration, resolution=certain))
-    limits = [
-        diagnose(model(bench), training, [], settings=settings).detectable[WANTED].smallest
-        for settings in (DEFAULTS, even)
-    ]
+    limits = []
+    for resolution in (RESOLUTION, replace(RESOLUTION, nonuniform=1e-6)):
+        monkeypatch.setattr('pneunet_ros.calibration.checks.nonuniformity.RESOLUTION', resolution)
+        found = diagnose(model(bench), training, [])
+        limits.append(found.detectable[WANTED].smallest)
     assert limits[0] > 1.2 * limits[1]

@@ -240,7 +240,7 @@ def investigate(
     """
     model, training, held_out, notes = with_tips(model, training, held_out)
     training, held_out, notes, _ = at_rest(model, training, held_out, notes)
-    base = fit_base(model, training, lambda *_: None, settings.calibration)
+    base = fit_base(model, training, lambda *_: None, settings.declared)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)
     asked = hypotheses(model, settings.withheld)
     selection = Selection(

@@ -50,12 +50,13 @@ from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.calibration.prepared_recordings import prepare, PreparedRecordings
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import GAUGE_PASCALS
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain, spanned_domain
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -84,7 +85,6 @@ class Calibration:
     variation: StiffnessVariation | None = None
     left_out: LeftOutLevels | None = None
     motion: FramesInMotion | None = None
-    settings: CalibrationSettings = CALIBRATION
 
 
 def calibrate(
@@ -96,7 +96,7 @@ def calibrate(
     compare: bool = True,
     earlier: PosteriorState | None = None,
     on_progress: OnProgress = say_nothing,
-    settings: CalibrationSettings = CALIBRATION,
+    declared: PressureConvention | None = GAUGE_PASCALS,
 ) -> Calibration:
     """Calibrate an arm: kappa_p0(p, s), the moment law, and their uncertainty.
 
@@ -112,7 +112,8 @@ def calibrate(
             include the changes.
         earlier: posterior of another calibration to continue from, with its tables.
         on_progress: called with the stage, its progress, and its total (0: unknown).
-        settings: see `CalibrationSettings`.
+        declared: declared meaning of the pressure readings, to be judged; None: assumed to be
+            right.
 
     Returns:
         The arm with error bars, and its fits; use it only if `joint.converged`.
@@ -132,7 +133,7 @@ def calibrate(
             compare=compare,
             earlier=earlier,
             on_progress=on_progress,
-            settings=settings,
+            declared=declared,
         )
         # The rest of a swing, an unconverged fit or a model error may look like a drifting clock:
         # only a better fit with the new stamps confirms it.
@@ -165,11 +166,11 @@ def calibrate_as_stamped(
     compare: bool,
     earlier: PosteriorState | None,
     on_progress: OnProgress,
-    settings: CalibrationSettings,
+    declared: PressureConvention | None,
 ) -> Calibration:
     """Calibrate once, without correcting the clocks of the cameras (see `calibrate`)."""
     check_kind(kind)
-    prepared = prepare(unloaded, loaded, frame, earlier, settings)
+    prepared = prepare(unloaded, loaded, frame, earlier, declared)
     resolution = prepared.resolution
     if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
         raise RequestError(
@@ -178,12 +179,7 @@ def calibrate_as_stamped(
             reason='one_pressure',
         )
     fits = FitSequence(
-        prepared.frame,
-        prepared.noise,
-        prepared.runs,
-        on_progress,
-        resolution=resolution,
-        settings=settings,
+        prepared.frame, prepared.noise, prepared.runs, on_progress, resolution=resolution
     )
     continued = earlier is not None
     fits.planned = 1 if continued else fits_ahead(resolution, len(prepared.loaded), compare)
@@ -215,7 +211,6 @@ def calibrate_as_stamped(
         variation=variation,
         left_out=widened.left_out,
         motion=prepared.motion,
-        settings=settings,
     )
 
 
@@ -301,7 +296,7 @@ def widen(
     undetermined = undetermined_quantities(joint)
     # A continued calibration estimates the nonuniformity again, but leaves nothing out again.
     kept = joint
-    joint = consider_nonuniformity(joint, fits.settings.resolution, shown=resolution.shapes)
+    joint = consider_nonuniformity(joint, resolution.shapes)
     for checked in (left_out, recordings):
         if checked is not None:
             kept, joint = kept.widened(checked.excess), joint.widened(checked.excess)
@@ -329,7 +324,7 @@ def notes_of(
         *(() if left_out is None else (left_out.sentence,)),
         *(() if recordings is None else recordings.sentences),
         *(prepared.resolution.law_notes if kind is None else ()),
-        *describe_nonuniformity(joint, fits.settings.resolution),
+        *describe_nonuniformity(joint),
         *widened.undetermined,
         *describe_misfit(joint),
         *describe_pressure_noise(prepared.noise.noise.pressure_std, fits.high - fits.low),

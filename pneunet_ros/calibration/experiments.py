@@ -20,7 +20,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters, PosteriorState
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings, HYPERPARAMETERS
+from pneunet_ros.calibration.settings import EXPERIMENTS, HYPERPARAMETERS, RESOLUTION
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.progress import OnProgress
@@ -91,30 +91,28 @@ class FitSequence:
         *,
         uniform: bool = False,
         resolution: Resolution | None = None,
-        settings: CalibrationSettings = CALIBRATION,
     ) -> None:
         """Initialize with an arm that has the fixed parameters, and with all recordings."""
         self.frame, self.noise, self.on_progress = frame, noise, on_progress
         self.planned = self.done = 0
-        self.settings, experiments = settings, settings.experiments
         self.shapes = resolution.free_shapes if resolution is not None else None
         self.uniform = uniform or self.shapes == 1
         self.elongates: bool | None = None
         self.chosen = False
         pressures = np.concatenate([inputs.pressure for inputs in inputs_of(frame, runs)])
-        self.knots = np.linspace(0.0, 1.0, 2 if uniform else settings.resolution.knots)
+        self.knots = np.linspace(0.0, 1.0, 2 if uniform else RESOLUTION.knots)
         if resolution is not None and resolution.constant_pressure:
             self.low = self.high = float(np.median(pressures))
             self.rows = np.array([self.low])
             return
-        ends = [experiments.outliers, 1.0 - experiments.outliers]
+        ends = [EXPERIMENTS.outliers, 1.0 - EXPERIMENTS.outliers]
         # Many targets show an elongation beside whatever looks alike: `diagnose` distinguishes
         # them.
         shown = any(run.seen[:, frame.target_arclength > 0.0].any() for run in runs)
         if self.shapes is not None and shown and not elongation.is_given(frame):
             self.elongates = True
         self.low, self.high = np.quantile(pressures, ends, method='nearest').tolist()
-        self.rows = np.linspace(self.low, self.high, experiments.rows)
+        self.rows = np.linspace(self.low, self.high, EXPERIMENTS.rows)
 
     def span(self, earlier: PosteriorState | None) -> tuple[float, float]:
         """Return the range of pressure (Pa) of the moment law."""
@@ -145,11 +143,11 @@ class FitSequence:
     @property
     def wide_prior(self) -> Hyperparameters:
         """Prior of kappa_p0 for any arm of this length."""
-        experiments, length = self.settings.experiments, self.frame.length
+        length = self.frame.length
         return Hyperparameters(
-            amplitude=experiments.amplitude / length,
-            std=experiments.std / length,
-            length_scale=UNIFORM if self.uniform else experiments.length_scale,
+            amplitude=EXPERIMENTS.amplitude / length,
+            std=EXPERIMENTS.std / length,
+            length_scale=UNIFORM if self.uniform else EXPERIMENTS.length_scale,
         )
 
     @property
@@ -211,7 +209,7 @@ class FitSequence:
         The first fit also selects the number of values along the arm, and whether the arm
         lengthens.
         """
-        resolution, frames = self.settings.resolution, self.settings.experiments.first_frames
+        frames = EXPERIMENTS.first_frames
         scales = (self.wide_prior.length_scale,) if self.uniform else HYPERPARAMETERS.length_scales
         rows = first_curvature(unloaded, self.frame, self.rows)
         start = np.repeat(rows, self.knots.size)
@@ -219,7 +217,7 @@ class FitSequence:
             start = np.append(start, np.zeros(elongation.SIZE))
         first = self.fit('kappa_p0, search', unloaded, self.wide_prior, start=start, most=frames)
         tried = [first.parameters] if self.chosen else structures(first.parameters)
-        best = most_likely_parameters(first, tried, resolution, scales)
+        best = most_likely_parameters(first, tried, scales)
         self.shapes, self.elongates, self.chosen = best.shapes, best.elongates, True
         start = best.nearest(first.values)
         return self.fit('kappa_p0', unloaded, best.hyperparameters, start=start)
@@ -228,7 +226,7 @@ class FitSequence:
         """Return the uniform stiffness EI (N m^2) that best explains the loads, to start a fit."""
         likely = self.likely_stiffness(runs, free.arm, free.placement)
         law = self.law(LinearLaw.kind, likely)
-        frames = self.settings.experiments.first_frames
+        frames = EXPERIMENTS.first_frames
         found = float(self._add_law('stiffness', runs, free, law, frames).values[-1])
         return found if found > 0.0 else likely  # a stiffness is positive
 
@@ -278,9 +276,8 @@ class FitSequence:
             ),
         )
         first = self.law(LinearLaw.kind, self.likely_stiffness(runs, straight))
-        experiments = self.settings.experiments
         search = self.fit(
-            'stiffness, search', runs, self.wide_prior, first, most=experiments.first_frames
+            'stiffness, search', runs, self.wide_prior, first, most=EXPERIMENTS.first_frames
         )
         law = self.law(kind, float(search.values[-1]))
         start = np.concatenate([search.values[:-1], law.mean])
@@ -294,9 +291,9 @@ class FitSequence:
         most: int | None = None,
     ) -> Fit:
         """Fit kappa_p0 and the moment law to all recordings; free: the fit to unloaded ones."""
-        frames = self.settings.experiments.first_frames
         if most is not None:
             return self._add_law('moment law', runs, free, law, most)
+        frames = EXPERIMENTS.first_frames
         first = self._add_law('moment law, search', runs, free, law, frames)
         return self.fit('moment law', runs, free.parameters.hyperparameters, law, first.values)
 
@@ -352,10 +349,7 @@ class FitSequence:
         loaded: bool,
     ) -> Fit:
         """Fit new recordings with the earlier posterior as the prior, on the earlier tables."""
-        beyond = max(
-            EXTRAPOLATION * (earlier.high - earlier.low),
-            same_pressure(self.frame, self.settings.resolution),
-        )
+        beyond = max(EXTRAPOLATION * (earlier.high - earlier.low), same_pressure(self.frame))
         if self.low < earlier.low - beyond or self.high > earlier.high + beyond:
             raise RequestError(
                 f'the new recordings span {kilopascals(self.low):.4g} to '

@@ -13,17 +13,14 @@ import numpy as np
 from pneunet_ros.calibration.checks.nonuniformity import departure_prior
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import HYPERPARAMETERS, ResolutionSettings
+from pneunet_ros.calibration.settings import HYPERPARAMETERS
 from pneunet_ros.core.arrays import Array
 
 AMPLITUDES = (0.4, 0.8, 1.6)  # of the largest kappa_p0; idle in acceptance/sweep.py
 
 
 def most_likely_parameters(
-    first: Fit,
-    tried: Iterable[Parameters],
-    settings: ResolutionSettings,
-    length_scales: Sequence[float],
+    first: Fit, tried: Iterable[Parameters], length_scales: Sequence[float]
 ) -> Parameters:
     """Return the candidate parameters with the largest evidence.
 
@@ -43,7 +40,7 @@ def most_likely_parameters(
     if len(smooth) == 1:
         return smooth[0]
     uneven = np.zeros((known, known))
-    uneven[:cells, :cells] = departure_prior(parameters, first.values, settings)
+    uneven[:cells, :cells] = departure_prior(parameters, first.values)
     return max(smooth, key=lambda trial: evidence(trial, uneven))
 
 

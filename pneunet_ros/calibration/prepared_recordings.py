@@ -10,8 +10,9 @@ from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, Fra
 from pneunet_ros.calibration.checks.resolution import Resolution, resolve
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.parameters import PosteriorState
-from pneunet_ros.calibration.settings import CalibrationSettings
+from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 
@@ -44,7 +45,7 @@ def prepare(
     loaded: Sequence[RecordingData],
     frame: Arm,
     earlier: PosteriorState | None,
-    settings: CalibrationSettings,
+    declared: PressureConvention | None,
 ) -> PreparedRecordings:
     """Check and thin the recordings, and estimate their noise and resolution."""
     painted = frame.target_arclength.size
@@ -58,10 +59,10 @@ def prepare(
         runs[len(unloaded) :],
         frame,
         first=earlier is None,
-        settings=settings,
+        declared=declared,
     )
     every = [*(run.without_load() for run in unloaded), *loaded]
-    runs = thinned([*unloaded, *loaded], settings.experiments.most_frames)
+    runs = thinned([*unloaded, *loaded], EXPERIMENTS.most_frames)
     count = len(unloaded)
     unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
     noise = estimate_noise(every, frame.target_arclength, frame.sensors)
@@ -72,6 +73,6 @@ def prepare(
         loaded=loaded,
         every=every,
         noise=noise,
-        resolution=resolve(frame, unloaded, loaded, settings.resolution),
+        resolution=resolve(frame, unloaded, loaded),
         motion=motion,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from pneunet_ros.core.settings import tuning
@@ -241,28 +241,5 @@ HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
 FIXED: tuple[Any, ...] = (  # the same in every calibration
     PRECONDITIONS, CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION,
-    IDENTIFIABILITY, STIFFNESS_VARIATION,
+    IDENTIFIABILITY, STIFFNESS_VARIATION, RESOLUTION, EXPERIMENTS,
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationSettings:
-    """The settings of `calibrate` that can change.
-
-    declared: declared meaning of the pressure readings, to be judged; None: assumed to be right.
-    """
-
-    declared: PressureConvention | None = GAUGE_PASCALS
-    resolution: ResolutionSettings = RESOLUTION
-    experiments: ExperimentSettings = EXPERIMENTS
-
-
-CALIBRATION = CalibrationSettings()
-
-
-def judging(declared: PressureConvention | None) -> CalibrationSettings:
-    """Return settings of a calibration for judging the declared unit and sign of pressures.
-
-    declared: unit and sign of the readings; None: they are correct.
-    """
-    return replace(CALIBRATION, declared=declared)

@@ -10,7 +10,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.core.errors import RequestError
@@ -82,12 +81,6 @@ def add_experiments(parser: ArgumentParser) -> None:
     )
     verb.add_topics(parser)
     verb.add_settings(parser, verb.SENSOR_SETTINGS)
-
-
-def calibration_settings(arguments: Namespace) -> CalibrationSettings:
-    """Return the settings of a calibration according to the options."""
-    settings = verb.settings_of(arguments)
-    return judging(settings.pressure if settings.judge_readings else None)
 
 
 def read_experiments(

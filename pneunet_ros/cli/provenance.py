@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from pneunet_ros import __version__
 from pneunet_ros.cli import verb
 from pneunet_ros.core.printable import printable
-from pneunet_ros.core.settings import settings_changed
 
 if TYPE_CHECKING:
     from pneunet_ros.calibration.calibration import Calibration
@@ -38,7 +37,6 @@ def provenance_of(
         'continued': None if arguments.earlier is None else printable(arguments.earlier.name),
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,
-        'settings': settings_changed(calibration.settings),
         'covariance_share': round(calibration.explained_variance, 4),
     }
 

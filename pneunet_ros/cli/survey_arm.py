@@ -14,7 +14,7 @@ from typing import Any
 
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.experiments import calibration_settings, read_experiments
+from pneunet_ros.cli.experiments import read_experiments
 from pneunet_ros.cli.provenance import provenance_of, versions
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.diagnosis import investigate
@@ -128,8 +128,8 @@ class SurveyWork:
     ) -> dict[str, Any]:
         """Write the files of both verbs to a new folder; return the summary for the survey."""
         unloaded, loaded, held_out = groups
-        settings = calibration_settings(self.request.arguments(()))
-        calibration = calibrate(unloaded, loaded, frame, compare=False, settings=settings)
+        declared = verb.settings_of(self.request.arguments(())).judged_pressure
+        calibration = calibrate(unloaded, loaded, frame, compare=False, declared=declared)
         if not calibration.joint.converged:
             raise ModelError(
                 f'the calibration did not converge: {calibration.joint.status}',
@@ -144,7 +144,7 @@ class SurveyWork:
             [*unloaded, *loaded],
             held_out,
             seed=self.request.seed,
-            settings=replace(DEFAULTS, calibration=settings),
+            settings=replace(DEFAULTS, declared=declared),
         )
         discovery = discover(investigation)
         diagnosis = investigation.overruled(discovery.overruling).diagnosis

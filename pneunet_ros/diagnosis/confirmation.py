@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score
+from pneunet_ros.calibration.settings import RESOLUTION
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
@@ -169,11 +170,10 @@ class Confirmer:
             return ()
         if record.nonuniform - self.base.nonuniform >= LEAST_EVIDENCE:
             return ()
-        share = self.settings.calibration.resolution.nonuniform
         return (
             Note(
-                f'an arm whose curvature varies by {share:g} along its length would explain the '
-                'data as well, and these targets cannot rule that out',
+                f'an arm whose curvature varies by {RESOLUTION.nonuniform:g} along its length '
+                'would explain the data as well, and these targets cannot rule that out',
                 reason='uneven_arm',
             ),
         )

@@ -11,7 +11,7 @@ from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.calibration.map_estimation import NEARLY
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE
+from pneunet_ros.calibration.settings import EXPERIMENTS, NOISE_ESTIMATE
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.diagnosis.conclusion import conclude
@@ -97,7 +97,7 @@ def investigate(
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
     training, held_out, notes, motion = at_rest(
-        model, training, held_out, notes, settings.calibration
+        model, training, held_out, notes, settings.declared
     )
     search = partial(
         investigate_at_rest,
@@ -131,9 +131,9 @@ def investigate_at_rest(
     """Diagnose a model with frames of the arm in equilibrium; allowed: as in `Selection`."""
     (training, held_out), unread = without_unread(model, training, held_out)
     notes = (*unread, *notes)
-    base = fit_base(model, training, part_of(on_progress, 1, PARTS), settings.calibration)
+    base = fit_base(model, training, part_of(on_progress, 1, PARTS), settings.declared)
     rested, count = [*training, *held_out], len(training)
-    few = thinned(rested, settings.calibration.experiments.most_frames)
+    few = thinned(rested, EXPERIMENTS.most_frames)
     training, held_out = few[:count], few[count:]
     notes = (*describe_thinning(few, rested), *notes)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
@@ -174,9 +174,7 @@ def limits_of(
     selection: Selection, first: Trial, asked: Sequence[Hypothesis]
 ) -> Mapping[str, Detectable]:
     """Return the detection limits of effects, allowing for nonuniform bending."""
-    uneven = nonuniform_columns(
-        first.refit.linearization, selection.settings.calibration.resolution
-    )
+    uneven = nonuniform_columns(first.refit.linearization)
     candidates = beside_nonuniform(selection.score_candidates(first), first.refit.gaussian, uneven)
     return detection_limits(asked, candidates)
 

@@ -184,7 +184,7 @@ class Selection:
         at_fit = linearize_all_runs(all_runs, trial)
         if at_fit is None:
             return None
-        nonuniform = nonuniform_columns(trial.linearization, self.settings.calibration.resolution)
+        nonuniform = nonuniform_columns(trial.linearization)
         gaussian = at_fit[1]
         exact = OpenLaws(gaussian=gaussian)
         tests = lack_of_fit_tests(all_runs, exact, self.seed, self.map_function)

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.calibration.settings import FIXED as FIXED_IN_CALIBRATION
+from pneunet_ros.calibration.settings import GAUGE_PASCALS
 from pneunet_ros.core.settings import setting, tuning
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
 
 # Log probability that counts as evidence: strong, 20 to 1 (Kass and Raftery, 1995). No figure of
@@ -206,9 +207,9 @@ FIXED: tuple[Any, ...] = (  # the same in every diagnosis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisSettings:
-    """The settings of a diagnosis that can change."""
+    """The settings of a diagnosis that can change; declared: as in `calibrate`."""
 
-    calibration: CalibrationSettings = CALIBRATION
+    declared: PressureConvention | None = GAUGE_PASCALS
     withheld: tuple[str, ...] = setting((), 'effects that are not considered')
     tested: bool = setting(True, 'whether something must have tested a name')
 

@@ -19,12 +19,13 @@ from pneunet_ros.calibration.checks.frames_in_motion import (
     without_motion,
 )
 from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import GAUGE_PASCALS
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.diagnosis.fit.base_fit import checked_runs
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.noise_model import missed_load, missed_pressure, shown_instants
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -77,7 +78,7 @@ def at_rest(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     notes: tuple[str, ...],
-    calibration: CalibrationSettings = CALIBRATION,
+    declared: PressureConvention | None = GAUGE_PASCALS,
 ) -> tuple[list[RecordingData], list[RecordingData], tuple[str, ...], FramesInMotion | None]:
     """Exclude frames in motion; return the recordings, the notes, and the excluded frames.
 
@@ -95,9 +96,9 @@ def at_rest(
     if not kept[0] or (no_unloaded and not all(run.loaded for run in training)):
         raise too_few
     try:
-        checked_runs(model, kept[0], calibration)
+        checked_runs(model, kept[0], declared)
     except PneunetError as error:
-        checked_runs(model, training, calibration)
+        checked_runs(model, training, declared)
         raise too_few from error
     return kept[0], kept[1], (motion.left_out, *notes), motion
 

@@ -137,6 +137,11 @@ class EstimatorSettings:
             offset=self.pressure_offset,
         )
 
+    @property
+    def judged_pressure(self) -> PressureConvention | None:
+        """Declared meaning of the pressure readings if it is to be judged; None: it is right."""
+        return self.pressure if self.judge_readings else None
+
 
 # Asked for at every reading, and always the same.
 wrench_convention = lru_cache(maxsize=64, typed=True)(WrenchConvention)

@@ -16,7 +16,6 @@ from pneunet_ros.calibration.checks.preconditions import (
     largest_force,
     UNLOADED_FORCE,
 )
-from pneunet_ros.calibration.settings import CalibrationSettings, judging
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.notes import Note
@@ -103,12 +102,6 @@ class UseAttempts:
         """The full topic name by last name."""
         return self.request.overrides
 
-    @property
-    def calibration(self) -> CalibrationSettings:
-        """The settings of a calibration, in which readings are judged as in this check."""
-        settings = self.request.settings
-        return judging(settings.pressure if settings.judge_readings else None)
-
     def has(self, sensor: Sensor[Any]) -> bool:
         """Whether the recording has a topic of this sensor."""
         return find_series(self.recording, sensor, self.overrides, required=False) is not None
@@ -174,7 +167,7 @@ class UseAttempts:
             raise RecordingError(
                 f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'
             )
-        checked_at_rest([data], [], arm, settings=self.calibration)
+        checked_at_rest([data], [], arm, declared=self.request.settings.judged_pressure)
         return by_tip(data, found)
 
     def calibrates_loaded(self) -> str:
@@ -207,7 +200,7 @@ class UseAttempts:
         arm, (data,), _, notes = with_tips(self.request.arm, [run], [])
         check_targets(data, arm)
         if data.is_idle(arm.sensors):
-            at_rest(arm, [data.without_load()], [], (), self.calibration)
+            at_rest(arm, [data.without_load()], [], (), self.request.settings.judged_pressure)
         else:
             check_rests_loaded(data, arm, 'a diagnosis')
         return '; '.join((*notes, *found))

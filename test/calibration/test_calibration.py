@@ -12,7 +12,7 @@ from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.low_rank import shape_jacobian
-from pneunet_ros.calibration.settings import CALIBRATION, EXPERIMENTS
+from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading
@@ -389,11 +389,12 @@ def test_scores_do_not_count_the_place_of_the_camera():
     assert np.isnan(nowhere.rms)
 
 
-def test_an_hour_of_film_is_thinned_and_that_is_said():
+def test_an_hour_of_film_is_thinned_and_that_is_said(monkeypatch):
     free, loaded = noisy()
     most = 20
-    settings = replace(CALIBRATION, experiments=replace(EXPERIMENTS, most_frames=most))
-    found = calibrate(free, loaded, PAPER, compare=False, settings=settings)
+    fewer = replace(EXPERIMENTS, most_frames=most)
+    monkeypatch.setattr('pneunet_ros.calibration.prepared_recordings.EXPERIMENTS', fewer)
+    found = calibrate(free, loaded, PAPER, compare=False)
     fitted = sum(len(run.solved) for run in found.joint.runs)
     every = sum(len(run.stamp_ns) for run in (*free, *loaded))
     assert fitted <= most < every

@@ -15,7 +15,6 @@ from pneunet_ros.calibration.checks.nonuniformity import (
 )
 from pneunet_ros.calibration.checks.resolution import resolve
 from pneunet_ros.calibration.map_estimation import posterior_at
-from pneunet_ros.calibration.settings import CALIBRATION
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
@@ -142,7 +141,7 @@ def test_targets_are_misplaced_with_the_bend_that_a_fit_cannot_have():
     come_to = scale @ np.linalg.solve(linear.normal + rest, linear.normal) @ np.linalg.inv(scale)
     cells, shared = fit.parameters.cells, fit.shared_covariance.shape[0]
     errors = (come_to - rest)[:shared, :cells]
-    prior = departure_prior(fit.parameters, fit.values, CALIBRATION.resolution)
+    prior = departure_prior(fit.parameters, fit.values)
     # Two targets show that the arm bends evenly, and one number along it is what is fitted.
     assert fit.parameters.shapes == 1
     left = fit.information_vector - fit.information @ fit.values

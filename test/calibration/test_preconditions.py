@@ -20,7 +20,6 @@ from pneunet_ros.calibration.checks.preconditions import (
 )
 from pneunet_ros.calibration.motion.swinging_run import has_constant_inputs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, judging
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_lag import PressureLag
@@ -138,9 +137,9 @@ def test_what_pressures_most_likely_mean_is_said_against_what_was_declared():
     declared = PressureConvention(unit='kPa', reference='absolute')
     low = bent(FREE[0], pressure=FREE[0].pressure - declared.ambient)
     with refused(RecordingError, 'other_pressure'):
-        check_runs([low], [], PAPER, settings=judging(declared))
-    check_runs([FREE[0]], [], PAPER, settings=judging(declared))
-    check_runs([low], [], PAPER, settings=judging(None))
+        check_runs([low], [], PAPER, declared=declared)
+    check_runs([FREE[0]], [], PAPER, declared=declared)
+    check_runs([low], [], PAPER, declared=None)
 
 
 def test_zero_between_two_recordings_is_zero_whichever_comes_first():
@@ -163,9 +162,9 @@ def test_loads_that_differ_by_their_moment_are_different():
     loads = np.column_stack([one.force, moment])
     assert has_constant_inputs(one, np.column_stack([one.force, noise]), PAPER)
     assert not has_constant_inputs(one, loads, PAPER)
-    check_different_loads([bent(one, moment=moment)], PAPER, CALIBRATION.resolution)
+    check_different_loads([bent(one, moment=moment)], PAPER)
     with refused(RecordingError, 'one_load'):
-        check_different_loads([bent(one, moment=noise)], PAPER, CALIBRATION.resolution)
+        check_different_loads([bent(one, moment=noise)], PAPER)
 
 
 def other_arm(factor: float):

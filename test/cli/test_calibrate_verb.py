@@ -16,7 +16,6 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration import calibration
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION
 from pneunet_ros.cli.main import main
 from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.core.errors import ModelError, RecordingError
@@ -120,7 +119,6 @@ def test_recordings_of_which_nothing_is_left_were_not_used(tmp_path):
     found = SimpleNamespace(
         motion=SimpleNamespace(lost=(str(names[1]),)),
         joint=SimpleNamespace(chi_squared=1.0, dof=1),
-        settings=CALIBRATION,
         explained_variance=1.0,
     )
     runs = [SimpleNamespace(name=str(name)) for name in names]

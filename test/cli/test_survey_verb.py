@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros import load_model, save_model
-from pneunet_ros.calibration.settings import judging
 from pneunet_ros.cli import survey_arm
 from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verb import SENSOR_SETTINGS
@@ -145,8 +144,8 @@ def test_a_fleet_is_done_once_and_what_failed_says_why(run, tmp_path):
 def test_the_readings_of_an_arm_are_judged_unless_declined(monkeypatch, tmp_path, judged):
     given = {}
 
-    def stop(*_, settings, **options):
-        given['calibrate' if 'compare' in options else 'investigate'] = settings
+    def stop(*_, **options):
+        given['calibrate' if 'compare' in options else 'investigate'] = options
         if 'compare' not in options:
             raise ModelError('no more', reason='not_settled')
         return SimpleNamespace(joint=SimpleNamespace(converged=True))
@@ -163,7 +162,8 @@ def test_the_readings_of_an_arm_are_judged_unless_declined(monkeypatch, tmp_path
     with refused(ModelError, 'not_settled'):
         survey_arm.SurveyWork(request=request)(arm)
     declared = None if not judged else EstimatorSettings().pressure
-    assert given['calibrate'] == judging(declared) == given['investigate'].calibration
+    assert given['calibrate']['declared'] == declared
+    assert given['investigate']['settings'].declared == declared
 
 
 def test_an_arm_is_not_tested_with_what_it_was_fitted_to(run, tmp_path):

@@ -20,13 +20,14 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.preconditions import check_runs
 from pneunet_ros.calibration.noise_estimate import noise_of_targets, RESTS
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import EXPERIMENTS, GAUGE_PASCALS
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.measurement.dataset import CHANCE, RecordingData, SIGMA_OF_MEDIAN, thinned
 from pneunet_ros.measurement.inputs import in_time
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
 
@@ -281,7 +282,7 @@ def checked_at_rest(
     arm: Arm,
     *,
     first: bool = True,
-    settings: CalibrationSettings = CALIBRATION,
+    declared: PressureConvention | None = GAUGE_PASCALS,
 ) -> tuple[list[RecordingData], list[RecordingData], FramesInMotion | None]:
     """Return recordings without the frames in motion, checked by `check_runs`.
 
@@ -289,8 +290,8 @@ def checked_at_rest(
     """
 
     def check(unloaded: Sequence[RecordingData], loaded: Sequence[RecordingData]) -> None:
-        few = thinned([*unloaded, *loaded], settings.experiments.most_frames)
-        check_runs(few[: len(unloaded)], few[len(unloaded) :], arm, first=first, settings=settings)
+        few = thinned([*unloaded, *loaded], EXPERIMENTS.most_frames)
+        check_runs(few[: len(unloaded)], few[len(unloaded) :], arm, first=first, declared=declared)
 
     kept, motion = without_motion(arm, unloaded, loaded)
     try:

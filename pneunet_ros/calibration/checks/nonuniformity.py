@@ -19,7 +19,7 @@ from numpy.polynomial import legendre
 from pneunet_ros.calibration.low_rank import COVARIANCE_FRAMES, shape_jacobian
 from pneunet_ros.calibration.parameters import correlation, Parameters
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CONSISTENCY, RESOLUTION, ResolutionSettings
+from pneunet_ros.calibration.settings import CONSISTENCY, RESOLUTION
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
@@ -31,9 +31,7 @@ ROUNDING = 1e-12  # relative increase of a variance, so that it can be inverted
 STATIONS, MODES = 41, 4  # for the linear part of a smooth departure along the arm
 
 
-def consider_nonuniformity(
-    fit: Fit, settings: ResolutionSettings = RESOLUTION, *, shown: int = 0
-) -> Fit:
+def consider_nonuniformity(fit: Fit, shown: int) -> Fit:
     """Return the fit with the covariance of nonuniform curvature between targets.
 
     shown: the number of values along the arm that the targets resolve; if the curve has fewer
@@ -45,7 +43,7 @@ def consider_nonuniformity(
     if parameters.shapes is None:
         return fit
     information = fit.all_information
-    prior = departure_prior(parameters, fit.values, settings)
+    prior = departure_prior(parameters, fit.values)
     if parameters.shapes < shown:
         gradient = fit.information_vector - fit.information @ (fit.values - parameters.mean)
         prior = known_departure(prior, information, fit.covariance, gradient)
@@ -87,7 +85,7 @@ def shape_std(fit: Fit) -> tuple[float, float]:
     return float(np.sqrt(total.max())), float(fit.parameters.arclength[worst])
 
 
-def describe_nonuniformity(fit: Fit, settings: ResolutionSettings) -> list[Note]:
+def describe_nonuniformity(fit: Fit) -> list[Note]:
     """Return a note on the accuracy of the shape where few targets show it."""
     if fit.parameters.shapes is None:
         return []
@@ -96,27 +94,27 @@ def describe_nonuniformity(fit: Fit, settings: ResolutionSettings) -> list[Note]
         Note(
             f'between targets the shape is uncertain by up to {millimeters(std):.2g} mm (one '
             f'sigma, at s / l = {share:.2g}), because an arm may bend unevenly by '
-            f'{settings.nonuniform:g} of its curvature; the covariance includes this',
+            f'{RESOLUTION.nonuniform:g} of its curvature; the covariance includes this',
             reason='uncertain_between',
         )
     ]
 
 
-def departure_prior(parameters: Parameters, values: Array, settings: ResolutionSettings) -> Array:
+def departure_prior(parameters: Parameters, values: Array) -> Array:
     """Return the covariance (cells, cells) of departures from the curve, 1/m^2.
 
     A departure has one shape for all pressures, in proportion to the mean curvature, and another
     for the arm at rest.
     """
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
-    rest = settings.nonuniform_rest / parameters.frame.length
-    amplitude = settings.nonuniform**2 * np.outer(mean, mean) + rest**2
+    rest = RESOLUTION.nonuniform_rest / parameters.frame.length
+    amplitude = RESOLUTION.nonuniform**2 * np.outer(mean, mean) + rest**2
     return np.asarray(np.kron(amplitude, correlation(parameters.arclength, SCALE)))
 
 
-def linear_departure(settings: ResolutionSettings) -> float:
+def linear_departure() -> float:
     """Return one sigma of the linear departure at the tip, relative to the mean curvature."""
     arclength = np.linspace(0.0, 1.0, STATIONS)
     linear = np.linalg.pinv(legendre.legvander(2.0 * arclength - 1.0, MODES - 1))[1]
     variance = linear @ correlation(arclength, SCALE) @ linear
-    return settings.nonuniform * float(np.sqrt(variance))
+    return RESOLUTION.nonuniform * float(np.sqrt(variance))

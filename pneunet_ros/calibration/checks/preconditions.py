@@ -7,12 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.consistency import check_same_arm
-from pneunet_ros.calibration.settings import (
-    CALIBRATION,
-    CalibrationSettings,
-    PRECONDITIONS,
-    ResolutionSettings,
-)
+from pneunet_ros.calibration.settings import GAUGE_PASCALS, PRECONDITIONS, RESOLUTION
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -54,14 +49,14 @@ def check_runs(
     arm: Arm,
     *,
     first: bool = True,
-    settings: CalibrationSettings = CALIBRATION,
+    declared: PressureConvention | None = GAUGE_PASCALS,
 ) -> None:
     """Raise RequestError or RecordingError if the recordings cannot give a calibration.
 
-    first: whether this is the first calibration of the arm.
+    first: whether this is the first calibration of the arm; declared: as in `calibrate`.
     """
     runs = [*unloaded, *loaded]
-    constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
+    constant = bool(loaded) and has_one_pressure(runs, arm)
     if not unloaded and ((first and not constant) or not loaded):
         raise RequestError(
             'no unloaded recording: the curvature kappa_p0 is determined by an arm without end '
@@ -98,24 +93,22 @@ def check_runs(
         check_loads(run, arm)
     check_same_arm([run for run in unloaded if run.seen.any()], arm.length)
     if first and constant and not unloaded:
-        check_different_loads(loaded, arm, settings.resolution)
+        check_different_loads(loaded, arm)
     if loaded:
         check_bending(runs if constant else loaded, arm)
     if first and unloaded:
-        check_pressures(unloaded, arm, settings, constant=constant)
+        check_pressures(unloaded, arm, declared, constant=constant)
 
 
-def has_one_pressure(
-    runs: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
-) -> bool:
+def has_one_pressure(runs: Sequence[RecordingData], arm: Arm) -> bool:
     """Whether all recordings have one constant pressure within the sensor noise."""
     pressures = np.concatenate([run.frame_pressure for run in runs])
-    return bool(np.ptp(pressures) <= same_pressure(arm, settings))
+    return bool(np.ptp(pressures) <= same_pressure(arm))
 
 
-def same_pressure(arm: Arm, settings: ResolutionSettings) -> float:
+def same_pressure(arm: Arm) -> float:
     """Return the largest spread (Pa) that sensor noise causes among readings of one pressure."""
-    return settings.noise_span * arm.sensors.pressure_std
+    return RESOLUTION.noise_span * arm.sensors.pressure_std
 
 
 def check_loads(run: RecordingData, arm: Arm) -> None:
@@ -145,13 +138,11 @@ def check_bending(runs: Sequence[RecordingData], arm: Arm) -> None:
         )
 
 
-def check_different_loads(
-    loaded: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
-) -> None:
+def check_different_loads(loaded: Sequence[RecordingData], arm: Arm) -> None:
     """Raise RecordingError if all frames have the same load and pressure."""
     reach, sensors = np.ptp(np.concatenate([run.load for run in loaded]), axis=0), arm.sensors
     stds = np.array([sensors.force_std, sensors.force_std, sensors.moment_std])
-    if np.all(reach <= settings.noise_span * stds):
+    if np.all(reach <= RESOLUTION.noise_span * stds):
         raise RecordingError(
             f'{names_of(loaded)}: only one load at one pressure: rest curvature and stiffness '
             'cannot be distinguished. Record another load, or the arm without a load (--unloaded)',
@@ -160,13 +151,17 @@ def check_different_loads(
 
 
 def check_pressures(
-    unloaded: Sequence[RecordingData], arm: Arm, settings: CalibrationSettings, *, constant: bool
+    unloaded: Sequence[RecordingData],
+    arm: Arm,
+    declared: PressureConvention | None,
+    *,
+    constant: bool,
 ) -> None:
     """Raise RecordingError if the unloaded recordings do not vary the pressure.
 
     constant: whether the pressure never changes, not even in loaded recordings.
     """
-    declared, tolerance = settings.declared, same_pressure(arm, settings.resolution)
+    tolerance = same_pressure(arm)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
     largest_motion = max(motion([run], arm.reach) for run in unloaded)

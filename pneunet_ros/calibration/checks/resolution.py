@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.calibration.checks.preconditions import has_one_pressure, same_pressure
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE, RESOLUTION, ResolutionSettings
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE, RESOLUTION
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
@@ -40,26 +40,23 @@ class Resolution:
 
 
 def resolve(
-    arm: Arm,
-    unloaded: Sequence[RecordingData],
-    loaded: Sequence[RecordingData],
-    settings: ResolutionSettings = RESOLUTION,
+    arm: Arm, unloaded: Sequence[RecordingData], loaded: Sequence[RecordingData]
 ) -> Resolution:
     """Return the resolution that these recordings of an arm allow."""
     runs = [*unloaded, *loaded]
     seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
     targets = arm.target_arclength[seen].tolist()
-    shapes = count_separated([0.0, *targets], settings.resolved_gap * arm.length) - 1
+    shapes = count_separated([0.0, *targets], RESOLUTION.resolved_gap * arm.length) - 1
     with_heading = any(run.heading is not None for run in runs)
-    shapes = min(max(shapes + with_heading, 1), settings.knots)
+    shapes = min(max(shapes + with_heading, 1), RESOLUTION.knots)
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
-    pressures = count_separated(pressure.tolist(), same_pressure(arm, settings))
-    constant = has_one_pressure(runs, arm, settings)
-    notes = describe_shapes(shapes, targets, with_heading, settings)
-    notes += describe_pressures(float(np.median(pressure)), pressures, constant, settings)
+    pressures = count_separated(pressure.tolist(), same_pressure(arm))
+    constant = has_one_pressure(runs, arm)
+    notes = describe_shapes(shapes, targets, with_heading)
+    notes += describe_pressures(float(np.median(pressure)), pressures, constant)
     frames = sum(len(run.stamp_ns) for run in loaded)
     law, law_notes = PiecewiseLinearLaw.kind, []
-    if loaded and (frames < NOISE_ESTIMATE.fewest or shapes < settings.law_shapes or constant):
+    if loaded and (frames < NOISE_ESTIMATE.fewest or shapes < RESOLUTION.law_shapes or constant):
         law = LinearLaw.kind
         other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
         law_notes.append(
@@ -72,7 +69,7 @@ def resolve(
         )
     return Resolution(
         shapes=shapes,
-        knots=settings.knots,
+        knots=RESOLUTION.knots,
         pressures=pressures,
         constant_pressure=constant,
         law=law,
@@ -81,9 +78,7 @@ def resolve(
     )
 
 
-def describe_shapes(
-    shapes: int, targets: Sequence[float], with_heading: bool, settings: ResolutionSettings
-) -> list[Note]:
+def describe_shapes(shapes: int, targets: Sequence[float], with_heading: bool) -> list[Note]:
     """Describe a limited number of curvature values, given targets (m); empty if not limited."""
     seen = count_of(targets, 'target')
     if shapes == 1:
@@ -94,7 +89,7 @@ def describe_shapes(
                 reason='constant_curvature',
             )
         ]
-    if shapes >= settings.knots:
+    if shapes >= RESOLUTION.knots:
         return []
     heading = ' and a heading of the tip' if with_heading else ''
     return [
@@ -106,9 +101,7 @@ def describe_shapes(
     ]
 
 
-def describe_pressures(
-    pressure: float, pressures: int, constant: bool, settings: ResolutionSettings
-) -> list[Note]:
+def describe_pressures(pressure: float, pressures: int, constant: bool) -> list[Note]:
     """Describe a small number of pressures; empty if enough. pressure (Pa): the median."""
     if constant:
         return [
@@ -118,7 +111,7 @@ def describe_pressures(
                 reason='one_pressure',
             )
         ]
-    if pressures >= settings.few_pressures:
+    if pressures >= RESOLUTION.few_pressures:
         return []
     return [
         Note(

@@ -10,12 +10,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.experiments import (
-    add_experiments,
-    as_measured,
-    calibration_settings,
-    read_experiments,
-)
+from pneunet_ros.cli.experiments import add_experiments, as_measured, read_experiments
 from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.share import share_path
@@ -126,7 +121,7 @@ def run(arguments: Namespace) -> int:
             kind=arguments.law,
             compare=not arguments.no_compare,
             earlier=earlier,
-            settings=calibration_settings(arguments),
+            declared=verb.settings_of(arguments).judged_pressure,
             on_progress=on_progress,
         )
         roles = {'unloaded': unloaded, 'loaded': loaded, 'motion': swinging}

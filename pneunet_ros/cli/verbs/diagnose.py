@@ -13,7 +13,7 @@ import time
 from typing import TYPE_CHECKING
 
 from pneunet_ros.cli import verb
-from pneunet_ros.cli.experiments import add_experiments, calibration_settings, read_experiments
+from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.paths import resolved
@@ -178,7 +178,8 @@ def diagnose(
             executor=executor,
             on_progress=on_progress,
             settings=replace(
-                settings_without(arguments.without), calibration=calibration_settings(arguments)
+                settings_without(arguments.without),
+                declared=verb.settings_of(arguments).judged_pressure,
             ),
         )
         return investigation, discover(investigation, on_progress=part_of(on_progress, 4, PARTS))

@@ -12,11 +12,12 @@ from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.settings import EXPERIMENTS, GAUGE_PASCALS
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.settings import BASE_FIT
 from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.model.arm import Arm
 
 
@@ -24,20 +25,20 @@ def fit_base(
     frame: Arm,
     training: Sequence[RecordingData],
     on_progress: OnProgress,
-    calibration: CalibrationSettings = CALIBRATION,
+    declared: PressureConvention | None = GAUGE_PASCALS,
 ) -> Fit:
     """Fit the base model to few frames of all training runs, with the noise of all frames.
 
     RequestError or RecordingError if the recordings are unsuitable.
     """
-    unloaded, loaded, one_pressure = checked_runs(frame, training, calibration)
+    unloaded, loaded, one_pressure = checked_runs(frame, training, declared)
     # A camera of another scale looks like a row of another spacing: that of the arm file is used.
     assumed = replace(frame.sensors, row_spacing_std=0.0)
     noise = estimate_noise(training, frame.target_arclength, assumed)
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     most = BASE_FIT.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))
-    resolution = resolve(frame, unloaded, loaded, calibration.resolution)
+    resolution = resolve(frame, unloaded, loaded)
     fits = FitSequence(
         frame,
         noise,
@@ -45,7 +46,6 @@ def fit_base(
         on_progress,
         uniform=has_uniform_curvature(frame) or resolution.shapes == 1,
         resolution=resolution if one_pressure else None,
-        settings=calibration,
     )
     kind = frame.moment_law.kind
     if one_pressure and loaded and kind in MOMENT_LAW_PARAMETERS:
@@ -59,23 +59,23 @@ def fit_base(
 
 
 def checked_runs(
-    frame: Arm, training: Sequence[RecordingData], calibration: CalibrationSettings
+    frame: Arm, training: Sequence[RecordingData], declared: PressureConvention | None
 ) -> tuple[list[RecordingData], list[RecordingData], bool]:
     """Return few frames of unloaded and loaded runs, and whether all have one pressure.
 
     RequestError or RecordingError if the recordings are unsuitable.
     """
-    fitted = thinned(training, calibration.experiments.most_frames)
+    fitted = thinned(training, EXPERIMENTS.most_frames)
     unloaded = [run for run in fitted if not run.loaded]
     loaded = [run for run in fitted if run.loaded]
-    one_pressure = has_one_pressure(fitted, frame, calibration.resolution)
+    one_pressure = has_one_pressure(fitted, frame)
     if not unloaded and not one_pressure:
         raise RequestError(
             'a diagnosis needs a training recording without a load, which shows the effect of '
             'pressure alone (if its force sensor read only noise, list it after --unloaded)',
             reason='no_unloaded',
         )
-    check_runs(unloaded, loaded, frame, settings=calibration)
+    check_runs(unloaded, loaded, frame, declared=declared)
     return unloaded, loaded, one_pressure
 
 

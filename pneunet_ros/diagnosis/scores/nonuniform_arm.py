@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.nonuniformity import linear_departure
-from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.scores.score_test import Candidate
@@ -22,9 +21,7 @@ LEAST_INFORMATION = 1e-300  # of an effect of which nothing is left
 FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportional to pressure
 
 
-def nonuniform_columns(
-    linearization: Linearization, settings: ResolutionSettings = RESOLUTION
-) -> list[Array]:
+def nonuniform_columns(linearization: Linearization) -> list[Array]:
     """Return the whitened response to one sigma of departure, (rows, 1) per training run.
 
     There are none if the curvature is free along the arm.
@@ -34,7 +31,7 @@ def nonuniform_columns(
         return []
     table = linearization.point.arm.intrinsic_curvature
     risen = abs(float(np.mean(table.curvature[-1] - table.curvature[0])))
-    size = linear_departure(settings) * risen
+    size = linear_departure() * risen
     return [
         block.white(size * block.fields.generic[:, :, [block.fields.names.index(FIELD)]])
         for block in linearization.blocks[: linearization.training]
