@@ -12,7 +12,7 @@ from pneunet_ros.calibration.settings import FIXED as FIXED_IN_CALIBRATION
 from pneunet_ros.calibration.settings import GAUGE_PASCALS
 from pneunet_ros.core.settings import setting, tuning
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
-from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
+from pneunet_ros.measurement.reading_filter import READING_FILTER
 
 # Log probability that counts as evidence: strong, 20 to 1 (Kass and Raftery, 1995). No figure of
 # acceptance/sweep.py moves when it is halved or doubled.
@@ -60,7 +60,6 @@ class LinearizationSettings:
         0.02, 'distance to highest pressure so far', unit='pressure range', source='sweep'
     )
     windows: int = tuning(10, 'windows of time in every run', source='sweep')
-    reading_filter: ReadingFilterSettings = READING_FILTER
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,8 +199,9 @@ CONFIRMATION = ConfirmationSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
 AUGMENTED_MODEL = AugmentedModelSettings()
 FIXED: tuple[Any, ...] = (  # the same in every diagnosis
-    *FIXED_IN_CALIBRATION, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST, LAW_ERRORS,
-    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION, AUGMENTED_MODEL,
+    *FIXED_IN_CALIBRATION, READING_FILTER, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST,
+    LAW_ERRORS, LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION,
+    AUGMENTED_MODEL,
 )  # fmt: skip
 
 

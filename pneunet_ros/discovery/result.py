@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated, Evaluation
-from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +98,6 @@ class Discovery:
     closed: float | None = None
     overruling: Diagnosis | None = None
     notes: tuple[str, ...] = ()
-    settings: DiscoverySettings = DISCOVERY
 
 
 NOTHING_SEARCHED = Discovery(searched=False)

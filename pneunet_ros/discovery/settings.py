@@ -86,15 +86,4 @@ class LawConfirmationSettings:
 
 COVARIATES, LAW = CovariateSettings(), LawSettings()
 CONFIRMATION = LawConfirmationSettings()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiscoverySettings:
-    """The settings of all algorithms of a discovery, as they are recorded with its result."""
-
-    covariates: CovariateSettings = COVARIATES
-    law: LawSettings = LAW
-    confirmation: LawConfirmationSettings = CONFIRMATION
-
-
-DISCOVERY = DiscoverySettings()
+FIXED = COVARIATES, LAW, CONFIRMATION  # the same in every discovery

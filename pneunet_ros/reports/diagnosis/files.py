@@ -17,10 +17,10 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Misfit, UnsettledDiagnosis
-from pneunet_ros.diagnosis.settings import DiagnosisSettings, FIXED
+from pneunet_ros.diagnosis.settings import FIXED
 from pneunet_ros.discovery.proposed_effect import PREFIX
 from pneunet_ros.discovery.result import Discovered, Discovery, NOTHING_SEARCHED
-from pneunet_ros.discovery.settings import DiscoverySettings
+from pneunet_ros.discovery.settings import FIXED as FIXED_IN_DISCOVERY
 from pneunet_ros.files.json_text import json_text, plain
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.measurement.dataset import RecordingData
@@ -126,7 +126,7 @@ def write_unsettled(
             'discovered': [],
             'notes': diagnosis.notes,
             **provenance,
-            **ending(diagnosis.seed, diagnosis.settings),
+            **ending(diagnosis),
         }
     )
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
@@ -140,10 +140,11 @@ def discovered_content(law: Discovered) -> dict[str, Any]:
     return content
 
 
-def ending(seed: int, *settings: DiagnosisSettings | DiscoverySettings) -> dict[str, Any]:
+def ending(diagnosis: Diagnosis | UnsettledDiagnosis) -> dict[str, Any]:
     """Return the last keys of every JSON of a diagnosis."""
-    used = {'used': settings_used(*settings, *FIXED), 'not_default': settings_changed(*settings)}
-    return {'seed': seed, 'settings': used}
+    used = settings_used(diagnosis.settings, *FIXED, *FIXED_IN_DISCOVERY)
+    settings = {'used': used, 'not_default': settings_changed(diagnosis.settings)}
+    return {'seed': diagnosis.seed, 'settings': settings}
 
 
 def diagnosis_content(
@@ -197,7 +198,7 @@ def diagnosis_content(
         'discovered': [discovered_content(item) for item in discovery.found],
         'notes': (*diagnosis.notes, *discovery.notes),
         **provenance,
-        **ending(diagnosis.seed, diagnosis.settings, discovery.settings),
+        **ending(diagnosis),
     }
     plain_content: dict[str, Any] = plain(content)
     return plain_content
