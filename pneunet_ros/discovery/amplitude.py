@@ -38,10 +38,6 @@ class Evidence:
             score=self.score[list(chosen)], information=self.information[np.ix_(chosen, chosen)]
         )
 
-    def log_gain(self, std: float) -> float:
-        """Return `log_gains` for one prior standard deviation of every coefficient."""
-        return float(log_gains(self.score, self.information, [std])[0])
-
     def estimate(self, std: float) -> tuple[Array, Array]:
         """Return coefficients (n,) and their covariance (n, n)."""
         prior = np.eye(self.score.size) / std**2
@@ -88,8 +84,8 @@ class RunColumns(abc.ABC):
 
     def left_out_gain(self, runs: Runs, std: float) -> float:
         """Return the gain in log probability of every run, predicted from the others."""
-        total, *left_out = (item.log_gain(std) for item in self.left_out(runs))
-        return sum(total - item for item in left_out)
+        every = self.left_out(runs)
+        return float(left_out_gains(every, [range(every[0].score.size)], [std])[0, 0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Columns, left_out_gains, PerRunColumns, Projection
+from pneunet_ros.discovery.amplitude import (
+    Columns,
+    left_out_gains,
+    log_gains,
+    PerRunColumns,
+    Projection,
+)
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
@@ -65,7 +71,8 @@ def test_the_gain_of_columns_is_that_of_the_densities():
     columns = columns_of(gaussian, fields, factors)
     white, nothing = list(columns.white), [0.0 * item for item in columns.white]
     for runs in (EVERY, (0, 2)):
-        gain = columns.evidence(runs).log_gain(0.7)
+        evidence = columns.evidence(runs)
+        (gain,) = log_gains(evidence.score, evidence.information, [0.7])
         written_out = log_density(gaussian, white, runs, 0.7)
         written_out -= log_density(gaussian, nothing, runs, 0.7)
         assert gain == pytest.approx(written_out, abs=1e-9)
@@ -89,7 +96,8 @@ def test_a_left_out_recording_is_predicted_from_the_others_alone():
 def test_without_any_recording_nothing_is_known():
     gaussian, fields = problem(4)
     columns = columns_of(gaussian, fields, [np.ones((FRAMES, 2))] * RUNS)
-    assert columns.evidence(()).log_gain(1.0) == 0.0
+    nothing = columns.evidence(())
+    assert log_gains(nothing.score, nothing.information, [1.0]) == 0.0
     assert len(columns.left_out((1,))) == 2
 
 
