@@ -55,7 +55,6 @@ class LeftOutLevels:
     changed: float
     excess: Array
     is_angle: bool
-    limit: float = AS_WELL
 
     @property
     def better(self) -> str:
@@ -77,7 +76,7 @@ class LeftOutLevels:
         )
         if not self.better:
             return Note(text, reason='left_out_levels')
-        if self.model <= self.limit * min(self.arc, self.interpolation):
+        if self.model <= AS_WELL * min(self.arc, self.interpolation):
             text = f'{text}: between these pressures, {self.better} does as well'
             return Note(text, reason='as_good_without_model')
         return Note(

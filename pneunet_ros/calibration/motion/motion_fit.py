@@ -16,7 +16,6 @@ from pneunet_ros.calibration.motion.motion_problem import (
     Flags,
     motion_problem,
     MotionProblem,
-    WITHIN_95,
 )
 from pneunet_ros.calibration.settings import EXPERIMENTS
 from pneunet_ros.core.arrays import Array
@@ -24,7 +23,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData, thinned
-from pneunet_ros.measurement.moving_arm import unloaded_modes
+from pneunet_ros.measurement.moving_arm import unloaded_modes, WITHIN_95
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.perturbation import COLUMN_STEP, neighbors

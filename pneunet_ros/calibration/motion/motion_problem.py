@@ -27,6 +27,7 @@ from pneunet_ros.measurement.moving_arm import (
     places_along,
     SHAPES,
     unloaded_modes,
+    WITHIN_95,
 )
 from pneunet_ros.measurement.painted_targets import paint
 from pneunet_ros.model.arm import Arm
@@ -44,7 +45,6 @@ SCANNED_READINGS = 1000
 MASS_AT_TIP = 33.0 / 140.0
 MOST_STEPS = 30  # of the fit
 LEAST_MASS = 0.2  # lower bound of the arm's mass during the search, as a share of its weight
-WITHIN_95 = 1.96  # standard deviations, 95 % of a normal error
 DIFFERENCE_STEP = 0.01  # of a standard deviation, for numerical derivatives by other errors
 Flags = npt.NDArray[np.bool_]
 
