@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 from pneunet_ros.calibration.map_estimation import posterior_at
+from pneunet_ros.calibration.noise_estimate import carries_time
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
@@ -34,7 +35,6 @@ CRYSTAL_STD = 1e-4  # of two correct clocks, from data sheets of crystals
 ODDS_AGAINST = 5.0  # nats against a wrong clock: one in 150, as of a cause in the fusion
 STEP = 0.1  # s, of a central difference; over less, noise of readings dominates
 MOST_ROUNDS = 6  # calibrations, each with corrected stamps
-FEWEST = 20  # frames, as for a diagnosis over time
 CLOCK = 2  # unknowns: delay, rate
 
 
@@ -86,7 +86,7 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     prior, timed = posterior.prior, list[RecordingData]()
     information, cross, score = list[Array](), list[Array](), list[Array]()
     for which, run in enumerate(posterior.runs):
-        if run.static or len(run.stamp_ns) < FEWEST:
+        if not carries_time(run):
             continue
         run_unknowns = prior.size + prior.disturbances.of_run(which)
         linear, places = last.runs[which], np.concatenate([np.arange(prior.size), run_unknowns])

@@ -84,7 +84,7 @@ def estimate_noise(
     headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
         assumed = replace(assumed, heading_std=NOISE_ESTIMATE.heading)
-    runs = in_time(runs)
+    runs = [run for run in runs if carries_time(run)]
     readings = readings_of(runs)
     found: Found = {
         f'{name}_std': (
@@ -174,9 +174,9 @@ def include_correlation(found: Found, alike: float, correlation: float) -> list[
     ]
 
 
-def in_time(runs: Sequence[RecordingData]) -> list[RecordingData]:
-    """Return the recordings whose frames are in time order, from which noise can be estimated."""
-    return [run for run in runs if len(run.stamp_ns) >= NOISE_ESTIMATE.fewest and not run.static]
+def carries_time(run: RecordingData) -> bool:
+    """Whether the frames of a recording are in time, and enough to show noise or the past."""
+    return not run.static and len(run.stamp_ns) >= NOISE_ESTIMATE.fewest
 
 
 def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
@@ -198,7 +198,7 @@ def readings_of(runs: Sequence[RecordingData]) -> dict[str, list[Array]]:
 def with_noise_of_readings(stated: SensorNoise, runs: Sequence[RecordingData]) -> SensorNoise:
     """Return the noise with pressure and load increased to the scatter of the readings."""
     larger = {}
-    for name, series in readings_of(in_time(runs)).items():
+    for name, series in readings_of([run for run in runs if carries_time(run)]).items():
         key = f'{name}_std'
         found = second_differences(resting_series(series))
         if name != 'heading' and found is not None and found > getattr(stated, key):

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score
+from pneunet_ros.calibration.noise_estimate import carries_time
 from pneunet_ros.calibration.settings import RESOLUTION
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.diagnosis.fit.hypothesis import carries_time
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
 from pneunet_ros.diagnosis.settings import (

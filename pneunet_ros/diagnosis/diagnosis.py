@@ -10,6 +10,7 @@ from functools import partial
 from pneunet_ros.calibration.calibration import describe_thinning
 from pneunet_ros.calibration.elongation import without_fitted
 from pneunet_ros.calibration.map_estimation import NEARLY
+from pneunet_ros.calibration.noise_estimate import carries_time
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import EXPERIMENTS, NOISE_ESTIMATE
 from pneunet_ros.core.notes import Note
@@ -17,7 +18,7 @@ from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
 from pneunet_ros.diagnosis.conclusion import conclude
 from pneunet_ros.diagnosis.decision import decide
 from pneunet_ros.diagnosis.fit.base_fit import fit_base
-from pneunet_ros.diagnosis.fit.hypothesis import carries_time, hypotheses, Hypothesis
+from pneunet_ros.diagnosis.fit.hypothesis import hypotheses, Hypothesis
 from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.fit.refit import has_ended, Refit
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion

@@ -8,13 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.settings import HYPOTHESIS
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.arm_size import ArmSize, scaled_prior
 from pneunet_ros.effects.effect import Effect, Load
-from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
 # Sizes from which a search begins, of the prior range: where points are linear in them, and not.
@@ -208,8 +206,3 @@ def hypotheses(model: Arm, withheld: Sequence[str] = ()) -> tuple[Hypothesis, ..
         for name, kind in EFFECTS.items()
         if name not in left_out and kind.place != 'motion'
     )
-
-
-def carries_time(run: RecordingData) -> bool:
-    """Whether the frames of a recording can show an effect that depends on the past."""
-    return not run.static and len(run.stamp_ns) >= NOISE_ESTIMATE.fewest
