@@ -14,8 +14,8 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.frames_in_motion import (
+    frames_kept,
     FramesInMotion,
-    with_earlier_pressures,
     without_motion,
 )
 from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
@@ -108,8 +108,7 @@ def without_unread(
 ) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
     """Exclude the frames with unknown pressure or load; return the recordings and a note.
 
-    A loaded recording that loses its load is excluded as well. The pressures of excluded
-    recordings are prepended to the next one, because the arm has a memory of them. Raises
+    As in `frames_kept`, a loaded recording that loses its load is excluded as well. Raises
     RecordingError if the first group loses all its recordings, or all unloaded or all loaded ones.
     """
     runs = list(itertools.chain(*groups))
@@ -118,10 +117,7 @@ def without_unread(
     left = sum(int((~flags).sum()) for flags in every)
     if not left:
         return [[*group] for group in groups], ()
-    found = [read_part(run, flags, noise) for run, flags in zip(runs, every, strict=True)]
-    lost = [run.name for run, part in zip(runs, found, strict=True) if part is None]
-    parts = iter(with_earlier_pressures(runs, found))
-    kept = [[part for _ in group if (part := next(parts)) is not None] for group in groups]
+    kept, lost = frames_kept(groups, every, noise)
     note = Note(
         f'{left} of {sum(flags.size for flags in every)} frames were left out because their '
         'pressure or load is not known: it changed between two readings, or its readings had '
@@ -135,15 +131,6 @@ def without_unread(
             reason='between_readings',
         )
     return kept, (note,)
-
-
-def read_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
-    """Return these frames of a run; None if no frame, or no frame with its load, remains."""
-    if not flags.any():
-        return None
-    part = run.subset(np.flatnonzero(flags))
-    lost = run.loaded and part.is_idle(noise) and not run.is_idle(noise)
-    return None if lost else part
 
 
 def read_frames(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:

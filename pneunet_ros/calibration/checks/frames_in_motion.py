@@ -30,6 +30,7 @@ from pneunet_ros.measurement.inputs import in_time
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import SensorNoise
 
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
@@ -235,23 +236,34 @@ def without_motion(
     found = frames_in_motion(runs, arm)
     if found is None:
         return [[*group] for group in groups], None
-    resting = [
-        run.subset(np.flatnonzero(~flags)) if not flags.all() else None
-        for run, flags in zip(runs, found.moving, strict=True)
-    ]
-    idle = [
-        part is not None and part.is_idle(arm.sensors) and not run.is_idle(arm.sensors)
-        for run, part in zip(runs, resting, strict=True)
-    ]
-    kept = [None if left else part for part, left in zip(resting, idle, strict=True)]
-    lost = tuple(run.name for run, part in zip(runs, kept, strict=True) if part is None)
-    parts = iter(with_earlier_pressures(runs, kept))
-    found = replace(
-        found,
-        lost=lost,
-        idle=sum(len(part.stamp_ns) for part in itertools.compress(resting, idle) if part),
-    )
-    return [[part for _ in group if (part := next(parts)) is not None] for group in groups], found
+    kept, lost = frames_kept(groups, [~flags for flags in found.moving], arm.sensors)
+    rests = zip(runs, found.moving, strict=True)
+    idle = sum(int(np.count_nonzero(~flags)) for run, flags in rests if run.name in lost)
+    return kept, replace(found, lost=lost, idle=idle)
+
+
+def frames_kept(
+    groups: Sequence[Sequence[RecordingData]], kept: Sequence[Flags], noise: SensorNoise
+) -> tuple[list[list[RecordingData]], tuple[str, ...]]:
+    """Return recordings with these frames alone, and the names of those left out.
+
+    A recording is left out if none of its frames is kept, or none with its load. The arm remembers
+    the pressures of what is left out: these go to the next recording.
+    """
+    runs = list(itertools.chain(*groups))
+    found = [part_kept(run, flags, noise) for run, flags in zip(runs, kept, strict=True)]
+    lost = tuple(run.name for run, part in zip(runs, found, strict=True) if part is None)
+    parts = iter(with_earlier_pressures(runs, found))
+    return [[part for _ in group if (part := next(parts)) is not None] for group in groups], lost
+
+
+def part_kept(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
+    """Return these frames of a run; None if none is left, or none with its load."""
+    if not flags.any():
+        return None
+    part = run.subset(np.flatnonzero(flags))
+    lost = run.loaded and part.is_idle(noise) and not run.is_idle(noise)
+    return None if lost else part
 
 
 def with_earlier_pressures(
