@@ -33,7 +33,6 @@ from pneunet_ros.diagnosis.scores.score_test import Candidate, largest_clean_sco
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
-    LAW_ERRORS,
     LEAST_EVIDENCE,
     SCORE_TEST,
     SELECTION,
@@ -189,14 +188,14 @@ class Selection:
         exact = OpenLaws(gaussian=gaussian)
         tests = lack_of_fit_tests(all_runs, exact, self.seed, self.map_function)
         reference = trial if base is None else base.refit
+        law_excess = 0.0 if base is None else MAY_LEAVE * base.record.excess
         record = Record(
             names=trial.names,
             dof=trial.numbers.size,
             evidence=trial.gaussian.evidence() - reference.gaussian.evidence(),
             gain=2.0 * (reference.cost - trial.cost),
             tests=tests,
-            adequate=is_adequate(tests, self.allowed)
-            or (base is not None and self.laws_may_miss(trial, base, all_runs, gaussian, tests)),
+            adequate=is_adequate(tests, max(self.allowed, law_excess)),
             plausible=is_plausible(trial, PLAUSIBLE),
             run_chi_squared=gaussian.squares,
             coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
@@ -224,37 +223,12 @@ class Selection:
             gain=2.0 * (before.cost - after.cost),
         )
 
-    def laws_may_miss(
-        self,
-        trial: Refit,
-        base: Trial,
-        all_runs: Linearization,
-        gaussian: GaussianModel,
-        tests: Sequence[LackOfFit],
-    ) -> bool:
-        """Whether the residual misfit is within the law errors of these effects.
-
-        The limit is a small fraction of the misfit without the effects, or more if law errors
-        explain it.
-        """
-        most = base.record.excess
-        if is_adequate(tests, MAY_LEAVE * most):
-            return True
-        if max(item.excess for item in tests) > LAW_ERRORS.most_left * most:
-            return False
-        errors = LawErrors.of(all_runs, trial)
-        problem = OpenLaws.of(gaussian, all_runs.blocks, errors)
-        tests = lack_of_fit_tests(all_runs, problem, self.seed, self.map_function)
-        return is_adequate(tests, LAW_ERRORS.left_open * most)
-
     def select_forward(self, base: Trial) -> Trial:
         """Add effects one by one while the fit improves; return the best set."""
         best = base
         for count in range(MOST_EFFECTS):
             if best.record.adequate and self.significant_candidate(best) is None:
                 return best
-            if count > 1 and best.record.excess > SELECTION.hopeless * base.record.excess:
-                return best  # two effects that leave so much: a third would only hide it
             better = self.add_effect(base, best, thorough=count == 0)
             if better is None or (count and not is_worth_adding(best, better)):
                 return best

@@ -90,18 +90,6 @@ class ScoreTestSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LawErrorSettings:
-    """Settings of the law errors of effects, allowed for when other effects are compared."""
-
-    most_left: float = tuning(
-        0.5, 'excess that such errors may be', unit='of the base', source='sweep'
-    )
-    left_open: float = tuning(
-        0.05, 'excess that laws leave beside them', unit='of the base', source='invented'
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LackOfFitSettings:
     """Settings of the lack-of-fit tests."""
 
@@ -150,9 +138,6 @@ class SelectionSettings:
     most_left: float = tuning(
         0.5, 'excess that an effect more may leave', unit='of that before', source='invented'
     )
-    hopeless: float = tuning(
-        0.2, 'excess with two effects; above no third', unit='of the base', source='invented'
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,15 +178,14 @@ class AugmentedModelSettings:
 
 BASE_FIT, LINEARIZATION = BaseFitSettings(), LinearizationSettings()
 HYPOTHESIS, SCORE_TEST = HypothesisSettings(), ScoreTestSettings()
-LAW_ERRORS, LACK_OF_FIT = LawErrorSettings(), LackOfFitSettings()
+LACK_OF_FIT = LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
 CONFIRMATION = ConfirmationSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
 AUGMENTED_MODEL = AugmentedModelSettings()
 FIXED: tuple[Any, ...] = (  # the same in every diagnosis
     *FIXED_IN_CALIBRATION, READING_FILTER, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST,
-    LAW_ERRORS, LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION,
-    AUGMENTED_MODEL,
+    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION, AUGMENTED_MODEL,
 )  # fmt: skip
 
 

@@ -20,7 +20,6 @@ from pneunet_ros.diagnosis.selection import (
     Selection,
     Trial,
 )
-from pneunet_ros.diagnosis.settings import SELECTION
 from pneunet_ros.effects.pressure_lag import PressureLag
 import pytest
 from support.lab_designs import asked
@@ -153,18 +152,6 @@ def test_a_second_effect_that_only_mends_the_law_of_the_first_is_not_added():
     assert is_worth_adding(first, trial('gravity creep', 420.0, 40.0))
     assert is_worth_adding(first, trial('gravity creep', 420.0, 0.0))
     assert Scripted(trial('', 0.0, BASE), first, second).chosen() == ('gravity',)
-
-
-def test_two_effects_that_leave_much_are_not_hidden_by_a_third(monkeypatch):
-    sets = (
-        trial('', 0.0, BASE),
-        trial('gravity', 100.0, 800.0),
-        trial('gravity creep', 250.0, 390.0),
-        trial('gravity creep hysteresis', 480.0),
-    )
-    assert Scripted(*sets).chosen() == ('gravity', 'creep')
-    monkeypatch.setattr(selection, 'SELECTION', replace(SELECTION, hopeless=0.5))
-    assert Scripted(*sets).chosen() == ('gravity', 'creep', 'hysteresis')
 
 
 def test_adequate_and_plausible_sets_come_first_and_small_ones_of_like_evidence():
