@@ -185,8 +185,7 @@ class Selection:
             return None
         nonuniform = nonuniform_columns(trial.linearization)
         gaussian = at_fit[1]
-        exact = OpenLaws(gaussian=gaussian)
-        tests = lack_of_fit_tests(all_runs, exact, self.seed, self.map_function)
+        tests = lack_of_fit_tests(all_runs, gaussian, self.seed, self.map_function)
         reference = trial if base is None else base.refit
         law_excess = 0.0 if base is None else MAY_LEAVE * base.record.excess
         record = Record(

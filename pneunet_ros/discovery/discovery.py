@@ -15,7 +15,6 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.conclusion import evaluate, take_back
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import removed_share
-from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import Estimated
 from pneunet_ros.diagnosis.scores.lack_of_fit import (
@@ -439,8 +438,8 @@ def predicted_p_value(
             for which in tested
         ]
     blocks = [linearization.blocks[which] for which in tested]
-    laws = OpenLaws(gaussian=search.fit.gaussian.subset(tested))
-    problem = TestedProblem.of(laws, blocks, linearization.size)
+    gaussian = search.fit.gaussian.subset(tested)
+    problem = TestedProblem.of(gaussian, blocks, linearization.size)
     statistic = problem.statistic(f'split {suspect.kind.name}', range(len(tested)), white, seed)
     return compare_with_clean(statistic).p_value
 

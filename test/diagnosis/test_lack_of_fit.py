@@ -9,7 +9,6 @@ import pickle
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
 from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.fit.refit import linearize_all_runs
 from pneunet_ros.diagnosis.scores.lack_of_fit import (
@@ -109,7 +108,7 @@ def whole(hidden: str, effect: str = '') -> tuple[Linearization, GaussianModel]:
 def groups(hidden: str, effect: str = '') -> dict[str, LackOfFit]:
     """Return the tests of a joint fit."""
     around, gaussian = whole(hidden, effect)
-    return {item.name: item for item in lack_of_fit_tests(around, OpenLaws(gaussian=gaussian), 5)}
+    return {item.name: item for item in lack_of_fit_tests(around, gaussian, 5)}
 
 
 def test_clean_data_leave_nothing():
@@ -139,7 +138,7 @@ def misfitting(change: Array, run: int) -> dict[str, LackOfFit]:
     residuals = list(linear.residuals)
     residuals[run] = residuals[run] + more
     changed = GaussianModel.of(linear.columns, residuals, linear.position, linear.grams)
-    return {item.name: item for item in lack_of_fit_tests(around, OpenLaws(gaussian=changed), 5)}
+    return {item.name: item for item in lack_of_fit_tests(around, changed, 5)}
 
 
 def test_a_target_that_moves_by_itself_with_the_load_is_seen():
@@ -165,9 +164,7 @@ def test_what_happens_in_a_part_of_a_recording_is_seen():
 
 def test_without_held_out_recordings_only_training_is_tested():
     found = fitted()
-    part = lack_of_fit_tests(
-        found.linearization.of_training(), OpenLaws(gaussian=found.gaussian), 5
-    )
+    part = lack_of_fit_tests(found.linearization.of_training(), found.gaussian, 5)
     assert [item.name.split(':')[0] for item in part] == ['training'] * 3
 
 
@@ -180,7 +177,7 @@ def test_simulations_may_run_elsewhere():
         with ThreadPoolExecutor(2) as executor:
             yield from executor.map(pickle.loads(pickle.dumps(function)), seen)
 
-    tests = lack_of_fit_tests(around, OpenLaws(gaussian=linear), 5, elsewhere)
+    tests = lack_of_fit_tests(around, linear, 5, elsewhere)
     there = {item.name: item for item in tests}
     here = groups('')
     assert len(seen) == 4 + len(around.blocks)

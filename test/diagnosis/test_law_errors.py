@@ -9,9 +9,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.law_errors import along_arm, LawErrors, OpenLaws, SIZE
 from pneunet_ros.diagnosis.fit.refit import Refit
-from pneunet_ros.diagnosis.scores.lack_of_fit import lack_of_fit_tests
 from pneunet_ros.diagnosis.scores.score_test import score_effects
-from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted
 
@@ -86,25 +84,6 @@ def test_scores_are_those_of_a_covariance_with_the_errors_in_it():
     np.testing.assert_allclose(seen.T @ rest, columns.T @ solved[:, 0], rtol=1e-6, atol=1e-6)
     volume = problem.gaussian.log_volumes[2] - fit.gaussian.log_volumes[2]
     assert volume == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1])
-
-
-def test_a_size_that_changes_from_frame_to_frame_is_seen_but_not_taken_for_something_else():
-    fit, errors, _ = found()
-    blocks = fit.linearization.blocks
-    random = np.random.default_rng(3)
-    residuals = []
-    for rest, block, field in zip(fit.gaussian.residuals, blocks, errors.fields, strict=True):
-        change = field[:, :, :1] * random.standard_normal((len(field), 1, 1))
-        residuals.append(rest + block.white(change)[:, 0])
-    changed = GaussianModel.of(
-        fit.gaussian.columns, residuals, fit.gaussian.position, fit.gaussian.grams
-    )
-    exact, opened = (
-        min(item.p_value for item in lack_of_fit_tests(fit.linearization, problem, 5))
-        for problem in (OpenLaws(gaussian=changed), OpenLaws.of(changed, blocks, errors))
-    )
-    assert exact < 1e-6
-    assert opened > 1e-3
 
 
 @pytest.mark.parametrize('name', ['extensibility', 'camera_rotation'])

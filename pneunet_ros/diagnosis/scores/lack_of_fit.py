@@ -15,9 +15,9 @@ import zlib
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
 from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
+from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
 DRAWS = 2000  # simulations of clean data
@@ -87,13 +87,16 @@ MapFunction = Callable[
 
 
 def lack_of_fit_tests(
-    linearization: Linearization, problem: OpenLaws, seed: int, map_function: MapFunction = map
+    linearization: Linearization,
+    gaussian: GaussianModel,
+    seed: int,
+    map_function: MapFunction = map,
 ) -> tuple[LackOfFit, ...]:
-    """Return all tests; problem: of all runs of the linearization.
+    """Return all tests; gaussian: the linear problem of all runs of the linearization.
 
     map_function: runs the simulations, like `map`.
     """
-    tested = TestedProblem.of(problem, linearization.blocks, linearization.size)
+    tested = TestedProblem.of(gaussian, linearization.blocks, linearization.size)
     statistics = [
         tested.statistic(
             name,
@@ -156,7 +159,7 @@ class TestedProblem:
     their effect in each run, and for both the part shared with the columns of the problem.
     """
 
-    problem: OpenLaws
+    gaussian: GaussianModel
     residuals: tuple[Array, ...]
     placement: list[Array]
     placement_shared: Array
@@ -164,20 +167,17 @@ class TestedProblem:
     camera_shared: list[Array]
 
     @classmethod
-    def of(cls, problem: OpenLaws, blocks: Sequence[LinearizedRun], size: int) -> TestedProblem:
+    def of(
+        cls, gaussian: GaussianModel, blocks: Sequence[LinearizedRun], size: int
+    ) -> TestedProblem:
         """Return the tested problem of some runs; size: number of unknowns of the base model."""
-        columns = problem.gaussian.columns
-        placement = [
-            problem.columns(which, block.base[:, size:]) for which, block in enumerate(blocks)
-        ]
-        camera = [
-            problem.columns(which, block.path_filter(block.path))
-            for which, block in enumerate(blocks)
-        ]
+        columns = gaussian.columns
+        placement = [block.base[:, size:] for block in blocks]
+        camera = [block.path_filter(block.path) for block in blocks]
         shared = [x.T @ item for x, item in zip(columns, placement, strict=True)]
         return cls(
-            problem=problem,
-            residuals=problem.gaussian.best_residuals(),
+            gaussian=gaussian,
+            residuals=gaussian.best_residuals(),
             placement=placement,
             placement_shared=np.sum(shared, axis=0),
             camera=camera,
@@ -188,11 +188,7 @@ class TestedProblem:
         self, name: str, runs: Sequence[int], white: Sequence[Array], seed: int
     ) -> ScoreStatistic:
         """Return the statistic of whitened columns (rows, n) in some of the runs."""
-        gaussian = self.problem.gaussian
-        pairs = [
-            (which, self.problem.columns(which, item))
-            for which, item in zip(runs, white, strict=True)
-        ]
+        gaussian, pairs = self.gaussian, list(zip(runs, white, strict=True))
         score = sum(item.T @ self.residuals[which] for which, item in pairs)
         cross = np.asarray(sum(gaussian.columns[which].T @ item for which, item in pairs))
         solved = gaussian.solved(cross)
