@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 import multiprocessing
 import os
-from typing import Any
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.threads import THREADS
@@ -16,21 +15,15 @@ PATIENCE = 10  # s, to wait for a scheduler
 
 
 @contextmanager
-def open_executor(
-    workers: int | None = None,
-    scheduler: str | None = None,
-    prepare: Callable[[], Any] | None = None,
-) -> Iterator[Executor]:
+def open_executor(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
     """Open an executor: this many processes (None: one per core), or a Dask cluster.
-
-    prepare: a picklable function that every process calls first.
 
     Submitted functions must be at module level, with picklable arguments and results. Workers of a
     cluster need the same version of this package. RequestError if Dask is not installed or no
     scheduler answers at the address.
     """
     if scheduler is not None:
-        with cluster(scheduler, prepare) as executor:
+        with cluster(scheduler) as executor:
             yield executor
         return
     if workers is not None and workers < 1:
@@ -42,7 +35,7 @@ def open_executor(
     try:
         context = multiprocessing.get_context('spawn')
         count = workers or os.cpu_count() or 1
-        with ProcessPoolExecutor(count, mp_context=context, initializer=prepare) as pool:
+        with ProcessPoolExecutor(count, mp_context=context) as pool:
             yield pool
     finally:
         for name, value in before.items():
@@ -53,7 +46,7 @@ def open_executor(
 
 
 @contextmanager
-def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[Executor]:
+def cluster(address: str) -> Iterator[Executor]:
     """Connect to the Dask cluster whose scheduler has this address."""
     try:
         from distributed import Client
@@ -69,8 +62,6 @@ def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[
             f'no Dask scheduler answers at {address}: {error}', reason='no_answer'
         ) from error
     with client:
-        if prepare is not None:
-            client.run(prepare)
         executor: Executor = client.get_executor(pure=False)
         with executor:
             yield executor

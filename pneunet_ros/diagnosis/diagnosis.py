@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 
@@ -42,7 +41,6 @@ def diagnose(
     held_out: Sequence[RecordingData],
     *,
     seed: int = 0,
-    executor: Executor | None = None,
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis | UnsettledDiagnosis:
@@ -58,7 +56,6 @@ def diagnose(
             seen; its heading is not used, and a note says so.
         held_out: other recordings in the same range of pressure and force; may be empty.
         seed: of the simulated clean data behind the thresholds.
-        executor: runs the simulations; None: this process.
         on_progress: called with the task, its progress, and its total (0 = unknown).
         settings: see `DiagnosisSettings`.
 
@@ -73,13 +70,7 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
     """
     return investigate(
-        model,
-        training,
-        held_out,
-        seed=seed,
-        executor=executor,
-        on_progress=on_progress,
-        settings=settings,
+        model, training, held_out, seed=seed, on_progress=on_progress, settings=settings
     ).diagnosis
 
 
@@ -89,7 +80,6 @@ def investigate(
     held_out: Sequence[RecordingData],
     *,
     seed: int = 0,
-    executor: Executor | None = None,
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation | UnsettledInvestigation:
@@ -105,7 +95,6 @@ def investigate(
         model,
         notes=notes,
         seed=seed,
-        executor=executor,
         on_progress=on_progress,
         settings=settings,
     )
@@ -124,7 +113,6 @@ def investigate_at_rest(
     *,
     notes: tuple[str, ...],
     seed: int,
-    executor: Executor | None,
     on_progress: OnProgress,
     settings: DiagnosisSettings,
     allowed: float = 0.0,
@@ -144,7 +132,6 @@ def investigate_at_rest(
         hypotheses=considered_hypotheses(asked, training),
         seed=seed,
         on_progress=part_of(on_progress, 2, PARTS),
-        map_function=map if executor is None else executor.map,
         settings=settings,
         allowed=allowed,
     )

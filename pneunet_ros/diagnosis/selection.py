@@ -19,12 +19,7 @@ from pneunet_ros.diagnosis.fit.refit import (
     settle,
     split_numbers,
 )
-from pneunet_ros.diagnosis.scores.lack_of_fit import (
-    is_adequate,
-    lack_of_fit_tests,
-    LackOfFit,
-    MapFunction,
-)
+from pneunet_ros.diagnosis.scores.lack_of_fit import is_adequate, lack_of_fit_tests, LackOfFit
 from pneunet_ros.diagnosis.scores.nonuniform_arm import (
     log_probability_nonuniform,
     nonuniform_columns,
@@ -132,7 +127,6 @@ class Selection:
     hypotheses: tuple[Hypothesis, ...]
     seed: int
     on_progress: OnProgress
-    map_function: MapFunction = map
     settings: DiagnosisSettings = DEFAULTS
     allowed: float = 0.0
     tried: dict[frozenset[str], Record] = field(default_factory=dict)
@@ -185,7 +179,7 @@ class Selection:
             return None
         nonuniform = nonuniform_columns(trial.linearization)
         gaussian = at_fit[1]
-        tests = lack_of_fit_tests(all_runs, gaussian, self.seed, self.map_function)
+        tests = lack_of_fit_tests(all_runs, gaussian, self.seed)
         reference = trial if base is None else base.refit
         law_excess = 0.0 if base is None else MAY_LEAVE * base.record.excess
         record = Record(

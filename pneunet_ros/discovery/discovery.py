@@ -17,12 +17,7 @@ from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import Estimated
-from pneunet_ros.diagnosis.scores.lack_of_fit import (
-    compare_with_clean,
-    is_adequate,
-    TestedProblem,
-    worst_test,
-)
+from pneunet_ros.diagnosis.scores.lack_of_fit import is_adequate, TestedProblem, worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Trial
 from pneunet_ros.discovery.amplitude import Runs
 from pneunet_ros.discovery.covariates import ELAPSED
@@ -440,8 +435,8 @@ def predicted_p_value(
     blocks = [linearization.blocks[which] for which in tested]
     gaussian = search.fit.gaussian.subset(tested)
     problem = TestedProblem.of(gaussian, blocks, linearization.size)
-    statistic = problem.statistic(f'split {suspect.kind.name}', range(len(tested)), white, seed)
-    return compare_with_clean(statistic).p_value
+    name = f'split {suspect.kind.name}'
+    return problem.test(name, range(len(tested)), white, seed).p_value
 
 
 def block_columns(white: Sequence[Array], runs: Runs) -> list[Array]:

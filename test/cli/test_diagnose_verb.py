@@ -10,7 +10,6 @@ from pathlib import Path
 
 from pneunet_ros import load_model
 from pneunet_ros.cli.main import main
-from pneunet_ros.cli.verbs import diagnose
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.investigation import UnsettledInvestigation
@@ -93,7 +92,6 @@ def test_what_is_handed_on_and_written(run, found, lab):
     assert [run.loaded for run in found['training']] == [False, True]
     assert found['frame'].name == load_model(ARM).name
     assert found['seed'] == 5
-    assert found['executor'] is None  # nothing to wait for: it runs here
     said = json.loads(out)
     written = json.loads(Path('out/diagnosis.json').read_text())
     assert written.items() <= said.items()
@@ -173,18 +171,6 @@ def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch)
     monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.investigate', refused)
     assert refusal(run(*given(lab), '--json')) == 'no_load'
     assert not list(Path().iterdir())
-
-
-def test_a_scheduler_that_does_not_answer_is_said(run, found, lab, monkeypatch):
-    asked = []
-
-    def open_executor(workers=None, scheduler=None, prepare=None):
-        asked.append(scheduler)
-        raise RequestError(f'no Dask scheduler answers at {scheduler}', reason='no_answer')
-
-    monkeypatch.setattr(diagnose, 'open_executor', open_executor)
-    said = run(*given(lab, '--scheduler', 'tcp://127.0.0.1:9'), '--json')
-    assert (refusal(said), asked) == ('no_answer', ['tcp://127.0.0.1:9'])
 
 
 def test_help_says_what_the_codes_mean(run):

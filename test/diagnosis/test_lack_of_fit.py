@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 import functools
-import pickle
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.fit.refit import linearize_all_runs
-from pneunet_ros.diagnosis.scores.lack_of_fit import (
-    compare_with_clean,
-    lack_of_fit_tests,
-    LackOfFit,
-    ScoreStatistic,
-)
+from pneunet_ros.diagnosis.scores.lack_of_fit import clean_moments, lack_of_fit_tests, LackOfFit
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
@@ -54,33 +46,28 @@ def test_a_test_that_sees_nothing_finds_nothing():
     assert (blind.p_value, blind.threshold(0.01)) == (1.0, np.inf)
 
 
-def asked(
+def moments(
     dof: int, *disturbed: tuple[int, Array], name: str = 'any', seed: int = 3
-) -> ScoreStatistic:
-    """Return a test of which clean data are to be simulated."""
-    return ScoreStatistic(name=name, statistic=0.0, dof=dof, disturbances=disturbed, seed=seed)
-
-
-def moments(statistic: ScoreStatistic) -> tuple[float, float]:
+) -> tuple[float, float]:
     """Return mean and variance in clean data."""
-    test = compare_with_clean(statistic)
-    return test.mean, test.std**2
+    mean, std = clean_moments(name, dof, disturbed, seed)
+    return mean, std**2
 
 
 def test_clean_data_without_disturbance_are_chi_squared():
-    mean, variance = moments(asked(40))
+    mean, variance = moments(40)
     # The standard deviation of noise is not known exactly: a little wider.
     wider = (4.0 * (40 * LACK_OF_FIT.white_error) ** 2) / 80.0
     assert mean == pytest.approx(40.0, rel=0.02)
     assert variance == pytest.approx(80.0 * (1.0 + wider), rel=0.12)
-    assert moments(asked(0)) == (0.0, 0.0)
+    assert moments(0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize('dof', [LACK_OF_FIT.camera_dof, LACK_OF_FIT.placement_dof])
 def test_disturbances_of_uncertain_size_make_clean_data_wilder(dof):
     answer = np.zeros((40, 3))
     answer[[0, 1, 2], [0, 1, 2]] = 10.0
-    mean, variance = moments(asked(40, (dof, answer)))
+    mean, variance = moments(40, (dof, answer))
     # E max(n / chi^2 - 1, 0) of each of three numbers, times 10^2.
     more = dof / np.random.default_rng(1).chisquare(dof, 1_000_000) - 1.0
     assert mean == pytest.approx(40.0 + 300.0 * np.maximum(more, 0.0).mean(), rel=0.1)
@@ -88,10 +75,10 @@ def test_disturbances_of_uncertain_size_make_clean_data_wilder(dof):
 
 
 def test_the_seed_and_the_name_say_what_is_drawn():
-    first = moments(asked(12))
-    assert moments(asked(12)) == first
-    assert moments(asked(12, seed=4)) != first
-    assert moments(asked(12, name='another')) != first
+    first = moments(12)
+    assert moments(12) == first
+    assert moments(12, seed=4) != first
+    assert moments(12, name='another') != first
 
 
 @functools.cache
@@ -166,24 +153,6 @@ def test_without_held_out_recordings_only_training_is_tested():
     found = fitted()
     part = lack_of_fit_tests(found.linearization.of_training(), found.gaussian, 5)
     assert [item.name.split(':')[0] for item in part] == ['training'] * 3
-
-
-def test_simulations_may_run_elsewhere():
-    around, linear = whole('')
-    seen: list[ScoreStatistic] = []
-
-    def elsewhere(function, tests: Sequence[ScoreStatistic]) -> Iterable[LackOfFit]:
-        seen.extend(pickle.loads(pickle.dumps(list(tests))))
-        with ThreadPoolExecutor(2) as executor:
-            yield from executor.map(pickle.loads(pickle.dumps(function)), seen)
-
-    tests = lack_of_fit_tests(around, linear, 5, elsewhere)
-    there = {item.name: item for item in tests}
-    here = groups('')
-    assert len(seen) == 4 + len(around.blocks)
-    assert {name: (item.p_value, item.mean) for name, item in there.items()} == {
-        name: (item.p_value, item.mean) for name, item in here.items()
-    }
 
 
 def test_harmless_departures_are_as_large_as_stated_whichever_fields_are_seen():

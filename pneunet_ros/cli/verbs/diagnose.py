@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 import time
 from typing import TYPE_CHECKING
@@ -15,12 +12,9 @@ from typing import TYPE_CHECKING
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.executor import open_executor
-from pneunet_ros.core.paths import resolved
 from pneunet_ros.core.progress import OnProgress, part_of
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 
@@ -83,13 +77,6 @@ def options(parser: ArgumentParser) -> None:
         default=[],
         metavar='EFFECT',
         help='effects of the library to ignore, as if they did not exist',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help=(
-            'run the simulations on the Dask cluster of this scheduler (default: on this machine)'
-        ),
     )
     add_experiments(parser)
     verb.add_effects_path(parser)
@@ -169,20 +156,18 @@ def diagnose(
     from pneunet_ros.diagnosis.diagnosis import investigate, PARTS
     from pneunet_ros.discovery.discovery import discover
 
-    with executor_for(arguments.scheduler, arguments.effects_path) as executor:
-        investigation = investigate(
-            frame,
-            training,
-            held_out,
-            seed=arguments.seed,
-            executor=executor,
-            on_progress=on_progress,
-            settings=replace(
-                settings_without(arguments.without),
-                declared=verb.settings_of(arguments).judged_pressure,
-            ),
-        )
-        return investigation, discover(investigation, on_progress=part_of(on_progress, 4, PARTS))
+    investigation = investigate(
+        frame,
+        training,
+        held_out,
+        seed=arguments.seed,
+        on_progress=on_progress,
+        settings=replace(
+            settings_without(arguments.without),
+            declared=verb.settings_of(arguments).judged_pressure,
+        ),
+    )
+    return investigation, discover(investigation, on_progress=part_of(on_progress, 4, PARTS))
 
 
 def show_answer(
@@ -207,16 +192,3 @@ def settings_without(names: Sequence[str]) -> DiagnosisSettings:
                 reason='unknown_key',
             )
     return replace(DEFAULTS, withheld=tuple(sorted(names)))
-
-
-def executor_for(
-    scheduler: str | None, effects_path: Path | None = None
-) -> AbstractContextManager[Executor | None]:
-    """Return the executor for simulating clean data: this process, unless others are worthwhile.
-
-    The workers of a cluster read user effects from the same path.
-    """
-    if scheduler is None:
-        return nullcontext()
-    prepare = None if effects_path is None else partial(add_effects, resolved(effects_path))
-    return open_executor(scheduler=scheduler, prepare=prepare)

@@ -7,7 +7,7 @@ deviations of placement and camera drawn too, because they are estimated from fe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
 from operator import attrgetter
@@ -66,53 +66,17 @@ class LackOfFit:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ScoreStatistic:
-    """A statistic without its distribution in clean data.
-
-    disturbances: response of its normal scores (dof, n) to each disturbance whose standard
-    deviation is estimated from few values, and the number of these values.
-    """
-
-    name: str
-    statistic: float
-    dof: int
-    disturbances: tuple[tuple[int, Array], ...]
-    seed: int
-
-
-MapFunction = Callable[
-    [Callable[[ScoreStatistic], LackOfFit], Sequence[ScoreStatistic]], Iterable[LackOfFit]
-]
-
-
 def lack_of_fit_tests(
-    linearization: Linearization,
-    gaussian: GaussianModel,
-    seed: int,
-    map_function: MapFunction = map,
+    linearization: Linearization, gaussian: GaussianModel, seed: int
 ) -> tuple[LackOfFit, ...]:
-    """Return all tests; gaussian: the linear problem of all runs of the linearization.
-
-    map_function: runs the simulations, like `map`.
-    """
+    """Return all tests; gaussian: the linear problem of all runs of the linearization."""
     tested = TestedProblem.of(gaussian, linearization.blocks, linearization.size)
-    statistics = [
-        tested.statistic(
-            name,
-            runs,
-            [
-                linearization.blocks[which].white(item)
-                for which, item in zip(runs, fields, strict=True)
-            ],
-            seed,
-        )
-        for name, runs, fields in tested_fields(linearization)
-    ]
     tests: dict[str, LackOfFit] = {}
-    for item in map_function(compare_with_clean, statistics):
-        known = tests.get(item.name)
-        tests[item.name] = item if known is None else known.together(item)
+    for name, runs, fields in tested_fields(linearization):
+        pairs = zip(runs, fields, strict=True)
+        white = [linearization.blocks[which].white(item) for which, item in pairs]
+        found = tested.test(name, runs, white, seed)
+        tests[name] = tests[name].together(found) if name in tests else found
     return tuple(tests.values())
 
 
@@ -184,10 +148,8 @@ class TestedProblem:
             camera_shared=[x.T @ item for x, item in zip(columns, camera, strict=True)],
         )
 
-    def statistic(
-        self, name: str, runs: Sequence[int], white: Sequence[Array], seed: int
-    ) -> ScoreStatistic:
-        """Return the statistic of whitened columns (rows, n) in some of the runs."""
+    def test(self, name: str, runs: Sequence[int], white: Sequence[Array], seed: int) -> LackOfFit:
+        """Return the test of whitened columns (rows, n) in some of the runs."""
         gaussian, pairs = self.gaussian, list(zip(runs, white, strict=True))
         score = sum(item.T @ self.residuals[which] for which, item in pairs)
         cross = np.asarray(sum(gaussian.columns[which].T @ item for which, item in pairs))
@@ -203,29 +165,28 @@ class TestedProblem:
         for which, item in pairs:
             camera = item.T @ self.camera[which] - solved.T @ self.camera_shared[which]
             disturbances.append((LACK_OF_FIT.camera_dof, basis.T @ camera))
-        return ScoreStatistic(
-            name=name,
-            statistic=float(np.sum((basis.T @ np.asarray(score)) ** 2)),
-            dof=int(seen.sum()),
-            disturbances=tuple(disturbances),
-            seed=seed,
-        )
+        dof = int(seen.sum())
+        mean, std = clean_moments(name, dof, disturbances, seed)
+        statistic = float(np.sum((basis.T @ np.asarray(score)) ** 2))
+        return LackOfFit(name=name, statistic=statistic, dof=dof, mean=mean, std=std)
 
 
-def compare_with_clean(statistic: ScoreStatistic) -> LackOfFit:
-    """Return the test of a statistic, with its moments in simulated clean data."""
-    test = LackOfFit(
-        name=statistic.name, statistic=statistic.statistic, dof=statistic.dof, mean=0.0, std=0.0
-    )
-    if statistic.dof == 0:
-        return test
-    random = np.random.default_rng([statistic.seed, zlib.crc32(statistic.name.encode())])
-    count = DRAWS
-    draws = random.standard_normal((count, statistic.dof))
-    draws *= 1.0 + LACK_OF_FIT.white_error * random.standard_normal((count, 1))
-    for dof, response in statistic.disturbances:
-        factor = dof / random.chisquare(dof, (count, 1))
+def clean_moments(
+    name: str, dof: int, disturbances: Sequence[tuple[int, Array]], seed: int
+) -> tuple[float, float]:
+    """Return mean and standard deviation of a statistic in simulated clean data.
+
+    disturbances: number of values from which the standard deviation of each is estimated, and the
+    response of the normal scores (dof, n) to it.
+    """
+    if dof == 0:
+        return 0.0, 0.0
+    random = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    draws = random.standard_normal((DRAWS, dof))
+    draws *= 1.0 + LACK_OF_FIT.white_error * random.standard_normal((DRAWS, 1))
+    for values, response in disturbances:
+        factor = values / random.chisquare(values, (DRAWS, 1))
         std = np.sqrt(np.maximum(factor - 1.0, 0.0))
-        draws += std * (random.standard_normal((count, response.shape[1])) @ response.T)
+        draws += std * (random.standard_normal((DRAWS, response.shape[1])) @ response.T)
     clean = np.sum(draws**2, axis=1)
-    return replace(test, mean=float(clean.mean()), std=float(clean.std()))
+    return float(clean.mean()), float(clean.std())
