@@ -226,8 +226,8 @@ class FitSequence:
         """Return the uniform stiffness EI (N m^2) that best explains the loads, to start a fit."""
         likely = self.likely_stiffness(runs, free.arm, free.placement)
         law = self.law(LinearLaw.kind, likely)
-        frames = EXPERIMENTS.first_frames
-        found = float(self._add_law('stiffness', runs, free, law, frames).values[-1])
+        fitted = self._add_law('stiffness', runs, free, law, EXPERIMENTS.first_frames)
+        found = float(fitted.values[-1])
         return found if found > 0.0 else likely  # a stiffness is positive
 
     def likely_stiffness(
@@ -293,8 +293,8 @@ class FitSequence:
         """Fit kappa_p0 and the moment law to all recordings; free: the fit to unloaded ones."""
         if most is not None:
             return self._add_law('moment law', runs, free, law, most)
-        frames = EXPERIMENTS.first_frames
-        first = self._add_law('moment law, search', runs, free, law, frames)
+        most = EXPERIMENTS.first_frames
+        first = self._add_law('moment law, search', runs, free, law, most)
         return self.fit('moment law', runs, free.parameters.hyperparameters, law, first.values)
 
     def _add_law(
@@ -335,9 +335,10 @@ class FitSequence:
         law: MomentLawParameters,
     ) -> tuple[Fit, ...]:
         """Fit a law without each loaded recording in turn, using few frames."""
-        frames = COMPARED_FRAMES
         return tuple(
-            self.joint([*unloaded, *loaded[:which], *loaded[which + 1 :]], free, law, frames)
+            self.joint(
+                [*unloaded, *loaded[:which], *loaded[which + 1 :]], free, law, COMPARED_FRAMES
+            )
             for which in range(len(loaded))
         )
 

@@ -37,8 +37,7 @@ def low_rank(
     turned = int(base_turn_std > 0.0)
     most -= turned + guessed.shape[1]
     factor = covariance_root(fit.covariance)
-    count = COVARIANCE_FRAMES
-    shape_changes = shape_jacobian(fit, count) @ factor
+    shape_changes = shape_jacobian(fit, COVARIANCE_FRAMES) @ factor
     _, sizes, directions = np.linalg.svd(shape_changes, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
     columns = factor @ directions[:most].T / np.sqrt(share)

@@ -172,8 +172,7 @@ def collect_evidence(
     selection: Selection, candidates: Sequence[Candidate], cosines: Mapping[tuple[str, str], float]
 ) -> tuple[Evidence, ...]:
     """Return all trials, best first; effects that were not refitted are ranked by their score."""
-    least = SCORE_TEST.same_class
-    same_class = [pair for pair, cosine in cosines.items() if abs(cosine) > least]
+    same_class = [pair for pair, size in cosines.items() if abs(size) > SCORE_TEST.same_class]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
     rows = [
         (item.names, item.gain, item.evidence, item.adequate, worst_p_value(item.tests))

@@ -82,11 +82,10 @@ def with_late_arm(
     row = evidence_of(moving.found.best, rival, gained)
     at_rest = replace(at_rest, evidence=(*at_rest.evidence, row))
     found = replace(found, diagnosis=at_rest)
-    margin = LEAST_EVIDENCE
-    if gained < -margin:
+    if gained < -LEAST_EVIDENCE:
         return found
     diagnosis = judged(found, moving, row, tested=bool(held_out))
-    if gained > margin:
+    if gained > LEAST_EVIDENCE:
         if diagnosis.answer == 'unknown':
             notes = (*at_rest.notes, diagnosis.notes[-1])
             return replace(found, diagnosis=replace(at_rest, notes=notes))
@@ -114,7 +113,6 @@ def less_motion(
     fit is repeated with the effects that the search finds, as long as the recordings become more
     probable. As for any effect, a fraction of the misfit of the model without inertia may remain.
     """
-    margin = LEAST_EVIDENCE
     allowed = MAY_LEAVE * found.base.record.excess
     swinging, moving, near, trial = unloaded(training), None, None, found.best
     try:
@@ -137,7 +135,7 @@ def less_motion(
             if moving is not None:
                 gained = latest.log_probability - moving.log_probability
             moving = moving if gained < 0.0 else latest
-            if gained <= margin or not (trial.names or result.best.names):
+            if gained <= LEAST_EVIDENCE or not (trial.names or result.best.names):
                 return moving
             trial, near = result.best, fit.motion
     except PneunetError:  # no mass explains it, or nothing is left to search

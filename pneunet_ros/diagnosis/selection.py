@@ -20,10 +20,7 @@ from pneunet_ros.diagnosis.fit.refit import (
     split_numbers,
 )
 from pneunet_ros.diagnosis.scores.lack_of_fit import is_adequate, lack_of_fit_tests, LackOfFit
-from pneunet_ros.diagnosis.scores.nonuniform_arm import (
-    log_probability_nonuniform,
-    nonuniform_columns,
-)
+from pneunet_ros.diagnosis.scores.nonuniform_arm import nonuniform_columns, with_columns
 from pneunet_ros.diagnosis.scores.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
@@ -32,7 +29,6 @@ from pneunet_ros.diagnosis.settings import (
     SCORE_TEST,
     SELECTION,
 )
-from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import scipy
 
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
@@ -197,9 +193,12 @@ class Selection:
             without=tuple(
                 trial.gaussian.without(run).log_probability() for run in range(all_runs.training)
             ),
-            predicted=predicted_probability(gaussian, all_runs.training),
+            predicted=(
+                gaussian.log_probability()
+                - gaussian.subset(range(all_runs.training)).log_probability()
+            ),
             nonuniform=(
-                log_probability_nonuniform(trial.gaussian, nonuniform) if nonuniform else None
+                with_columns(trial.gaussian, nonuniform).log_probability() if nonuniform else None
             ),
             added=None if known is None or not known.names else self.added(trial, known),
         )
@@ -448,11 +447,6 @@ def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
         - 2.0 * np.hypot(error, 0.0 if coordinate.shape else item.kind.law_error * number)
         > (1.0 if coordinate.shape else ends) * coordinate.std
     )
-
-
-def predicted_probability(gaussian: GaussianModel, training: int) -> float:
-    """Return the log probability of held-out runs, given the first `training` runs."""
-    return gaussian.log_probability() - gaussian.subset(range(training)).log_probability()
 
 
 def evidence_margin(evidence: float) -> float:

@@ -168,10 +168,9 @@ def coordinate_of(parameter: Any, size: ArmSize) -> Coordinate:
     first, last = expected = scaled_prior(parameter, size)
     reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
     mean, logarithmic = 0.0, shape and first > 0.0
-    margin = SHAPE_MARGIN
     if logarithmic:
-        low = math.log(max(low, first / margin))
-        high = math.log(min(high, last * margin))
+        low = math.log(max(low, first / SHAPE_MARGIN))
+        high = math.log(min(high, last * SHAPE_MARGIN))
         mean = 0.5 * (math.log(first) + math.log(last))
         std = 0.5 * (math.log(last) - math.log(first))
     elif reciprocal:

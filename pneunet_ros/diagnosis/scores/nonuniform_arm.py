@@ -65,8 +65,3 @@ def with_columns(gaussian: GaussianModel, columns: list[Array]) -> GaussianModel
         np.append(gaussian.position, 0.0),
         log_volumes=gaussian.log_volumes,
     )
-
-
-def log_probability_nonuniform(gaussian: GaussianModel, columns: list[Array]) -> float:
-    """Return the log probability of the training runs, allowing for nonuniform bending."""
-    return with_columns(gaussian, columns).log_probability()
