@@ -62,6 +62,11 @@ def starting_arm(
     )
 
 
+def has_invented_stiffness(arm: Arm) -> bool:
+    """Return whether the stiffness is a placeholder, which no loaded recording has replaced."""
+    return INVENTED in arm.sources.get('moment_law', '')
+
+
 def even_places(length: float, targets: int, diameter: float, step: float) -> Array:
     """Return positions (targets,) m from the clamp, in whole steps (m).
 

@@ -25,6 +25,7 @@ from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.regular_file import readable
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.starting_arm import has_invented_stiffness, INVENTED
 from pneunet_ros.recordings.bag_folder import stored_files
 from pneunet_ros.recordings.mcap_file import check_is_mcap
 from pneunet_ros.recordings.plain_mcap import plain_mcap
@@ -126,8 +127,9 @@ def described_arm(
                 'fixed at zero, because it cannot be distinguished from kappa_p0'
             )
     else:
+        placeholder = f' ({INVENTED})' if has_invented_stiffness(frame) else ''
         sources['moment_law'] = (
-            f'not fitted, because there was no loaded recording; as in {frame.name}'
+            f'not fitted, because there was no loaded recording; as in {frame.name}{placeholder}'
         )
     for key, text in calibration.noise.sources.items():
         sources[f'sensors.{key}'] = text

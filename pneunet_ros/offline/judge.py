@@ -37,6 +37,7 @@ from pneunet_ros.measurement.meaning.wrench_judge import (
 )
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.starting_arm import has_invented_stiffness
 from pneunet_ros.recordings.recorded_gravity import read_gravity, RecordedGravity
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import Recording
@@ -237,7 +238,12 @@ def shown_forces(
     arm: Arm,
     declared: WrenchConvention,
 ) -> ShownForces | None:
-    """Return the forces estimated from the targets of a few frames; None without targets."""
+    """Return the forces estimated from the targets of a few frames.
+
+    None without targets, or if the stiffness, which scales these forces, is a placeholder.
+    """
+    if has_invented_stiffness(arm):
+        return None
     targets, pressure = series.get(TARGETS.name), series.get(PRESSURE.name)
     wrench = series[END_WRENCH.name]
     if targets is None or pressure is None or not len(targets.stamp_ns):

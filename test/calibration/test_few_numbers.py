@@ -20,8 +20,8 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_frame import find_base, in_base_frame
-from pneunet_ros.model.starting_arm import starting_arm
-from pneunet_ros.offline.calibration_files import load_knowledge, save_knowledge
+from pneunet_ros.model.starting_arm import has_invented_stiffness, starting_arm
+from pneunet_ros.offline.calibration_files import described_arm, load_knowledge, save_knowledge
 from pneunet_ros.reports.calibration.verdict import verdict_of
 import pytest
 from support.refusals import reasons, refused
@@ -90,6 +90,12 @@ def test_the_angle_of_the_tip_alone_gives_a_constant_curvature(by_angle):
     assert verdict_of(by_angle).fits
     assert by_angle.left_out.is_angle
     assert by_angle.left_out.model < math.radians(1.5)
+
+
+def test_without_a_load_the_stiffness_stays_invented(by_angle):
+    assert has_invented_stiffness(described_arm(by_angle, 'few', ARM, {}))
+    measured = replace(ARM, sources={'moment_law': 'measured'})
+    assert not has_invented_stiffness(described_arm(by_angle, 'few', measured, {}))
 
 
 def test_headings_of_several_tables_are_unwrapped_together():
