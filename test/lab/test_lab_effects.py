@@ -107,6 +107,11 @@ def test_the_lab_knows_every_effect_of_the_model_by_its_names():
         assert {item.name for item in quantities(effect)} == ours - {'richness'}
 
 
+def test_every_effect_of_the_lab_is_compared_with_the_model():
+    """All but a delay, which has a test below, and inertia, which test_moving_arm compares."""
+    assert {*SIZES, 'camera_delay', 'inertia'} == {*LAB_EFFECTS}
+
+
 @pytest.mark.parametrize('name', SIZES)
 def test_a_plain_effect_agrees_with_the_model(name):
     plain = simulate(scenario((lab_effect(name, SIZES[name]),)))
