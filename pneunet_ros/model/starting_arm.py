@@ -27,7 +27,7 @@ def starting_arm(
         length: from the clamp to the free end, m.
         weight: that of the arm, N.
         places: positions of its targets along it, (targets,) m.
-        largest_pressure: in use, Pa.
+        largest_pressure: in use, Pa; negative for vacuum.
 
     Returns:
         The arm, for `calibrate --arm` and for tracking.
@@ -35,8 +35,8 @@ def starting_arm(
     Raises:
         ModelError: the numbers are not those of a valid arm.
     """
-    pressure = np.array([0.0, largest_pressure])
-    curvature = np.outer([0.0, TURN / length], np.ones(3))
+    pressure = np.array(sorted([0.0, largest_pressure]))
+    curvature = np.outer(np.abs(pressure / largest_pressure), np.full(3, TURN / length))
     return Arm(
         name=name,
         length=length,

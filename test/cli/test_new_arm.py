@@ -8,10 +8,11 @@ import re
 import matplotlib
 from matplotlib.patches import Rectangle
 import numpy as np
+from pneunet_ros import solve
 from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verbs import new_arm
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.model.starting_arm import even_places, INVENTED
+from pneunet_ros.model.starting_arm import even_places, INVENTED, TURN
 from pneunet_ros.reports.target_template import PAGES, RULER, STRIPS, template_page, write_template
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracker
@@ -51,6 +52,15 @@ def test_an_arm_to_start_from(run, tmp_path):
     assert (code, 'exists' in said) == (2, True)
 
 
+def test_an_arm_under_vacuum_bends_as_one_under_pressure(run, tmp_path):
+    code, said = run(*SIZES, '--pressure', '-60kPa', '--targets', '12', '--no-template')
+    assert (code, 'up to -60 kPa' in said) == (0, True)
+    arm = load_model(tmp_path / 'arm.yaml')
+    assert arm.pressure_range == (-60e3, 0.0)
+    assert solve(arm, pressure=-60e3).tip[2] == pytest.approx(TURN)
+    assert solve(arm, pressure=0.0).tip[2] == pytest.approx(0.0)
+
+
 def test_places_that_were_measured(run, tmp_path):
     places = ('--places', '0', '9.5mm', '0.021', '40mm')
     code, said = run(*SIZES, *places, '--output', 'mine.yaml', '--no-template', '--json')
@@ -81,6 +91,7 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
         ((*SIZES, '--targets', '40'), 'out_of_bounds'),
         ((*SIZES[:-1], '3furlong', '--targets', '9'), 'not_a_number'),
         ((*SIZES[:-1], '0mm', '--targets', '9'), 'out_of_bounds'),
+        ((*SIZES, '--pressure', '0', '--targets', '9'), 'out_of_bounds'),
         ((*SIZES, '--targets', '9', '--places', '0', '1'), 'exclusive'),
         ((*SIZES, '--places', '0', '10mm', '5mm'), 'not_increasing'),
         ((*SIZES, '--places', '0', '20mm', '22mm'), 'out_of_bounds'),

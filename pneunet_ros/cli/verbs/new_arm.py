@@ -38,7 +38,7 @@ QUESTIONS = (
     Question(
         'weight', 'force', 'weight of the arm: newtons, or grams as read from a scale', '17g'
     ),
-    Question('pressure', 'pressure', 'largest pressure in use', '60kPa'),
+    Question('pressure', 'pressure', 'largest pressure in use, below zero for vacuum', '60kPa'),
     Question('dot', 'length', 'diameter of the dots', '3mm'),
 )
 
@@ -134,7 +134,7 @@ def answers(
         text = getattr(arguments, question.name)
         if text is None and ask is not None:
             text = ask(f'{question.meaning} [{question.usual}]: ').strip() or question.usual
-        sizes[question.name] = positive(f'--{question.name}', text, question.kind)
+        sizes[question.name] = nonzero_size(f'--{question.name}', text, question.kind)
     if arguments.places:
         if arguments.targets:
             raise RequestError('give --targets or --places, not both', reason='exclusive')
@@ -166,11 +166,12 @@ def check_gaps(option: str, places: Array, dot: float) -> None:
         )
 
 
-def positive(option: str, text: str, kind: str) -> float:
-    """Return a size, SI; RequestError if it is not positive."""
+def nonzero_size(option: str, text: str, kind: str) -> float:
+    """Return a size, SI; RequestError if it is zero, or negative and not a pressure."""
     value = size_of(option, text, kind)
-    if not value > 0.0:
-        raise RequestError(f'{option} {text} must be above zero', reason='out_of_bounds')
+    if value == 0.0 or (value < 0.0 and kind != 'pressure'):
+        least = 'not be zero' if kind == 'pressure' else 'be above zero'
+        raise RequestError(f'{option} {text} must {least}', reason='out_of_bounds')
     return value
 
 
