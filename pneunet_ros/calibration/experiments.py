@@ -394,7 +394,7 @@ class FitSequence:
                 f'{earlier.values.size}; recalibrate with all recordings',
                 reason='damaged',
             )
-        return self.fit('all that is new', runs, self.wide_prior, law, earlier=earlier)
+        return self.fit('new recordings', runs, self.wide_prior, law, earlier=earlier)
 
 
 def squared_errors(arm: Arm, run: RecordingData, placement: Array | None = None) -> Array:

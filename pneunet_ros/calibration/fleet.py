@@ -98,17 +98,18 @@ class Fleet:
         compared = int(np.count_nonzero(np.isfinite(self.p_values)))
         if not compared:
             return (
-                f'No arm can be called odd: at least {FEWEST_COMPARED} arms with a number '
+                f'Outliers cannot be detected: at least {FEWEST_COMPARED} arms with a number '
                 'in common are needed.'
             )
         if not self.odd:
             most_different = int(np.nanargmin(self.p_values))
             return (
-                f'No arm is odd: among {compared} alike arms, the most different one would be as '
-                f'far off as {self.names[most_different]} with probability '
+                f'No arm is an outlier: among {compared} similar arms, the most different one '
+                f'would deviate as much as {self.names[most_different]} with probability '
                 f'{self.p_values[most_different]:.2g}.'
             )
-        count = f'{len(self.odd)} of {compared} arms {"is" if len(self.odd) == 1 else "are"} odd'
+        verb = 'is an outlier' if len(self.odd) == 1 else 'are outliers'
+        count = f'{len(self.odd)} of {compared} arms {verb}'
         return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
 
     def describe(self, arm: int) -> str:

@@ -97,7 +97,7 @@ def estimate_noise(
     found['target_std'] = None if source == ASSUMED else white, source
     heading = found['heading_std'][0]
     if heading is not None and heading < LEAST_TARGET:
-        words = f'{LEAST_TARGET:g} rad, as of targets a length apart'
+        words = f'{LEAST_TARGET:g} rad, as for two targets one length apart'
         found['heading_std'] = LEAST_TARGET, f'{words}: {REPEATED}'
     # Differences of a fast pressure show its motion, not noise: it never rests.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)

@@ -26,7 +26,8 @@ class SameArmSettings:
 
     two_arms: float = tuning(
         0.03,
-        'least difference of two arms; twice that if no recording shows the effect of history',
+        'smallest significant distance of two arms; twice as much if no recording shows the '
+        'effect of history',
         unit='length',
         source='sweep',
     )
@@ -40,10 +41,14 @@ class SameArmSettings:
         4.0, 'chi squared per coordinate that indicates a model error', source='sweep'
     )
     few_frames: float = tuning(
-        0.05, 'share of the frames that are few, where these alone are missed', source='sweep'
+        0.05,
+        'largest share of the frames that counts as few, if only these misfit',
+        source='sweep',
     )
     others_fit: float = tuning(
-        1.5, 'chi squared per coordinate of the others then, at most', source='sweep'
+        1.5,
+        'largest chi squared per coordinate of all other frames, if only a few misfit',
+        source='sweep',
     )
 
 
@@ -53,43 +58,46 @@ class NoiseEstimateSettings:
 
     fewest: int = tuning(
         20,
-        'values for an estimate, frames of a run to take them from, loaded frames for a law of '
-        'two sections, frames of a recording that shows an effect with memory, at least',
+        'smallest number of values for an estimate, of frames of a run for one, of loaded '
+        'frames for a law of two sections, and of frames that can show an effect with '
+        'memory',
         source='sweep',
     )
     restless: float = tuning(
         1.5,
-        'noise of a run above which it is taken to move',
+        'noise of a run above which it is considered in motion',
         unit='of the quietest run',
         source='sweep',
     )
     even: float = tuning(
-        1.5, 'largest mean over targets in a steady motion', unit='sigma', source='sweep'
+        1.5, 'largest mean over targets during smooth motion', unit='sigma', source='sweep'
     )
     blocks: int = tuning(
-        8, 'blocks of a run whose means show the drift of the camera', source='sweep'
+        8, 'number of blocks of a run for estimating the drift of the camera', source='sweep'
     )
     smooth_degree: int = tuning(
         6, 'largest degree of the polynomial along a straight arm', source='sweep'
     )
     many_targets: int = tuning(
-        12, 'that can resolve a small placement, and equal noise', source='sweep'
+        12,
+        'number of targets sufficient to estimate small placement errors, and equal noise',
+        source='sweep',
     )
     often: float = tuning(
-        0.5, 'share of the frames in which a target must be seen to count', source='sweep'
+        0.5, 'smallest share of frames in which a usable target is seen', source='sweep'
     )
     straightest: float = tuning(
-        0.1, 'share of the unloaded frames, the straightest ones', source='sweep'
+        0.1, 'share of the unloaded frames that count as straightest', source='sweep'
     )
     placement: float = tuning(
         1e-3,
-        'std of the painted place of a target, if not estimated',
+        'std of the position of a painted target, if not estimated',
         unit='way to the last target',
         source='sweep',
     )
     registration: float = tuning(
         2e-3,
-        "std of the camera's place, if not estimated",
+        'std of the position of the camera, if not estimated',
         unit='way to the last target',
         source='sweep',
     )
@@ -99,9 +107,7 @@ class NoiseEstimateSettings:
         unit='way to the last target',
         source='sweep',
     )
-    differs: float = tuning(
-        2.5, 'ratio to the stated noise from which a difference is reported', source='sweep'
-    )
+    differs: float = tuning(2.5, 'smallest reported ratio to the stated noise', source='sweep')
     heading: float = tuning(
         0.02, 'std of a measured heading, if not estimated', unit='rad', source='sweep'
     )
@@ -111,23 +117,28 @@ class NoiseEstimateSettings:
 class ResolutionSettings:
     """Resolution of recordings, and the prior for unresolved parameters."""
 
-    knots: int = tuning(11, 'most knots of kappa_p0 along the arm', source='sweep')
+    knots: int = tuning(11, 'largest number of knots of kappa_p0 along the arm', source='sweep')
     resolved_gap: float = tuning(
-        0.05, 'distance between targets that resolve two features', unit='length', source='sweep'
+        0.05,
+        'smallest distance between targets that resolve two features',
+        unit='length',
+        source='sweep',
     )
     noise_span: float = tuning(
         8.0,
-        'difference above which pressures, or loads, count as distinct',
+        'smallest difference between distinct pressures or loads',
         unit='sigma',
         source='sweep',
     )
     few_pressures: int = tuning(
         6, 'number of pressures below which a note is given', source='sweep'
     )
-    law_shapes: int = tuning(3, 'distinct targets to distinguish them', source='sweep')
+    law_shapes: int = tuning(
+        3, 'number of distinct targets needed to distinguish moment laws', source='sweep'
+    )
     nonuniform: float = tuning(
         0.3,
-        'relative std of kappa_p0 along the arm, where no target determines it',
+        'relative std of kappa_p0 along the arm, where targets do not determine it',
         source="the shipped table of the paper's arm: 0.3",
     )
     nonuniform_rest: float = tuning(
@@ -153,12 +164,12 @@ class ExperimentSettings:
         0.18, 'correlation length of kappa_p0', unit='length', source='sweep'
     )
     outliers: float = tuning(
-        0.002, 'share of readings outside the range at either end', unit='share', source='sweep'
+        0.002, 'share of readings ignored at either end of the range', unit='share', source='sweep'
     )
     first_frames: int = tuning(40, 'frames of every run for the first search', source='sweep')
     most_frames: int = tuning(
         5400,
-        'most frames of all recordings that are fitted, spread over time and course',
+        'largest number of fitted frames of all recordings, spread over time and course',
         source='measured: 0.27 MB a frame, so that an hour of film stays below 2 GB',
     )
 
@@ -206,7 +217,7 @@ class MapEstimationSettings:
     """Stopping criteria of the search for the most probable parameters."""
 
     small_step: float = tuning(
-        0.05, 'size of a step at which the fit has converged', unit='sigma', source='sweep'
+        0.05, 'step size at which the fit has converged', unit='sigma', source='sweep'
     )
 
 
@@ -226,10 +237,12 @@ class IdentifiabilitySettings:
 class StiffnessVariationSettings:
     """Criteria for a stiffness that varies along the arm, and the consequences."""
 
-    modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm', source='sweep')
-    expected: float = tuning(0.3, 'prior sigma of ln EI in each of them', source='sweep')
+    modes: int = tuning(4, 'number of Legendre polynomials of ln EI along the arm', source='sweep')
+    expected: float = tuning(
+        0.3, 'prior sigma of the coefficient of each polynomial', source='sweep'
+    )
     significant: float = tuning(
-        100.0, 'reduction of chi squared, beyond noise, for a variation to count', source='sweep'
+        100.0, 'significant reduction of chi squared beyond noise', source='sweep'
     )
 
 

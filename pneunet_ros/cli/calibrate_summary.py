@@ -127,7 +127,7 @@ def show(
     if law:
         print_law(console, calibration, law)
     if summary['laws']:
-        title = 'Moment laws on loaded recordings that were left out'
+        title = 'Moment laws on left-out loaded recordings'
         laws = [(item['kind'], f'{millimeters(item["rms"]):.3f}') for item in summary['laws']]
         print_rows(console, title, ('law', 'rms (mm)'), laws, numbers=[1])
     verb.print_notes(console, (*sentences, *summary['notes'][motion is not None :]))

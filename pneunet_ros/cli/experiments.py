@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 T = TypeVar('T')
 
 STATIC = (
-    '--static: every frame is taken as a steady state and its stamp is ignored; no noise is '
+    '--static: every frame is treated as a steady state and its stamp is ignored; no noise is '
     'estimated from differences in time, and the arm is assumed to have settled in every frame'
 )
 
@@ -150,7 +150,7 @@ def read_experiments(
         if thread := threads.get(resolved(path)):
             flat[index], unseen = with_string(flat[index], frame, thread)
             if unseen:
-                left_out.append(f'{path.name}: left out {unseen} frames that do not show the tip')
+                left_out.append(f'{path.name}: excluded {unseen} frames that do not show the tip')
     framed = iter(flat)
     runs = tuple(tuple(itertools.islice(framed, len(group))) for group in runs)
     return Experiments(

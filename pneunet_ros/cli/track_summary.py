@@ -84,7 +84,7 @@ def show(summary: dict[str, Any], console: Console) -> None:
     if summary.get('frames_covered'):
         facts['frames within the table'] = share(summary['frames_covered'], frames)
     if summary.get('frames_repeated'):
-        facts['frames left out'] = (
+        facts['frames excluded'] = (
             f'{summary["frames_repeated"]}: the image does not change although the pressure does '
             '(a lost frame was replaced by a copy, or a step lies within the error of the delay)'
         )

@@ -168,7 +168,7 @@ def add_static(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--static',
         action='store_true',
-        help='take every frame as a steady state: stamps are ignored, and time-dependent effects '
+        help='treat every frame as a steady state: stamps are ignored, and time-dependent effects '
         'are not considered',
     )
 

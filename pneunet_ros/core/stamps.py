@@ -30,10 +30,10 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
     if last_ns is None or stamp_ns > last_ns:
         return '', ''
     if stamp_ns == last_ns:
-        return 'duplicate', f'{what} with the same stamp as the one before'
+        return 'duplicate', f'{what} with the same stamp as the previous one'
     back = seconds_between(stamp_ns, last_ns)
     if back <= BACKWARD_JUMP:
-        return 'older', f'{what} {back:.3g} s older than the one before'
+        return 'older', f'{what} {back:.3g} s older than the previous one'
     return RESTARTED, f'time jumped back by {back:.3g} s: state reset'
 
 
@@ -55,7 +55,7 @@ class StampGate:
         """
         reason, sentence = stamp_fault(what, self.last_ns, stamp_ns)
         if reason == RESTARTED and self.before_ns is not None and stamp_ns > self.before_ns:
-            return AHEAD, f'the {what} before was stamped ahead of its time'
+            return AHEAD, f'the previous {what} had a stamp in the future'
         return reason, sentence
 
     def interval(self, stamp_ns: int) -> float:

@@ -185,7 +185,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
     """
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     if diagnosis.answer == 'unknown':
-        return not_named(diagnosis, moving.fit, 'the recordings show more that is not explained')
+        return not_named(diagnosis, moving.fit, 'a part of the misfit remains unexplained')
     base = whitened_as(moving.found, found.base, found)
     falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < CONFIRMATION.fall:

@@ -35,38 +35,39 @@ class BaseFitSettings:
 class LinearizationSettings:
     """Settings of the linearization of recordings, and of generic fields for departures."""
 
-    tolerance: float = tuning(
-        0.001, 'rms of departures that are harmless', unit='length', source='sweep'
-    )
+    tolerance: float = tuning(0.001, 'rms of negligible departures', unit='length', source='sweep')
     tilt: float = tuning(
         0.005,
-        'change of scale over the length, by a tilted picture, that is harmless',
+        'negligible change of scale over the length, due to a tilted image',
         unit='-',
         source='sweep',
     )
     modes: int = tuning(
         3,
-        'Legendre polynomials along the arm, of stretch, of curvature in windows of time, and of '
-        'errors of laws; the highest degree of curvature',
+        'number of Legendre polynomials along the arm for stretch, curvature in windows of '
+        'time, and law errors; highest degree of curvature',
         source='sweep',
     )
     time_constants: tuple[float, ...] = tuning(
         (0.3, 3.0, 30.0),
-        'of low-passes; the past over the second bends and stretches',
+        'time constants of low-pass filters; the second one is the past in bending and '
+        'stretch fields',
         unit='s',
         source='sweep',
     )
     unloading: float = tuning(
-        0.02, 'distance to highest pressure so far', unit='pressure range', source='sweep'
+        0.02, 'distance from the highest pressure so far', unit='pressure range', source='sweep'
     )
-    windows: int = tuning(10, 'windows of time in every run', source='sweep')
+    windows: int = tuning(10, 'number of windows of time in every run', source='sweep')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisSettings:
     """Settings for the values at which an effect is tried."""
 
-    shapes: int = tuning(5, 'values of a shape parameter over its prior range', source='sweep')
+    shapes: int = tuning(
+        5, 'number of values of a shape parameter over its prior range', source='sweep'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,13 +80,11 @@ class ScoreTestSettings:
     largest_step: float = tuning(
         3.0, 'largest step of effects with memory', unit='size tried', source='sweep'
     )
-    visible: float = tuning(25.0, 'chi squared that is visible: five sigma', source='convention')
+    visible: float = tuning(25.0, 'detectable chi squared: five sigma', source='convention')
     prior_range: float = tuning(2.0, 'end of the prior range', unit='std', source='convention')
-    least_cosine: float = tuning(
-        0.3, 'cosine of two effects from which it is reported', source='sweep'
-    )
+    least_cosine: float = tuning(0.3, 'smallest reported cosine of two effects', source='sweep')
     same_class: float = tuning(
-        0.98, 'cosine from which effects cannot be distinguished', source='sweep'
+        0.98, 'smallest cosine of effects that cannot be distinguished', source='sweep'
     )
 
 
@@ -97,11 +96,15 @@ class LackOfFitSettings:
         0.002, 'probability of a false alarm in any of the tests', source='sweep'
     )
     least_seen: float = tuning(
-        0.3, 'score variance from which a field is seen in the data', source='sweep'
+        0.3, 'smallest score variance of a field observable in the data', source='sweep'
     )
-    placement_dof: int = tuning(20, 'values that placement_std is estimated from', source='sweep')
+    placement_dof: int = tuning(
+        20, 'number of values from which placement_std is estimated', source='sweep'
+    )
     camera_dof: int = tuning(
-        8, 'values that registration_std and drift_std are estimated from', source='sweep'
+        8,
+        'number of values from which registration_std and drift_std are estimated',
+        source='sweep',
     )
     white_error: float = tuning(0.01, 'relative error of the std of white noise', source='sweep')
 
@@ -110,12 +113,12 @@ class LackOfFitSettings:
 class RefitSettings:
     """Settings of the joint fit of effects and base model."""
 
-    rounds: int = tuning(5, 'most relinearizations', source='sweep')
+    rounds: int = tuning(5, 'largest number of relinearizations', source='sweep')
     least_gain: float = tuning(
-        0.1, 'cost that a step must gain; below it has converged', source='sweep'
+        0.1, 'gain of a step below which the fit has converged', source='sweep'
     )
     settled: float = tuning(
-        0.5, 'change of cost from round to round; below it is settled', source='sweep'
+        0.5, 'change of cost between rounds below which the fit is settled', source='sweep'
     )
 
 
@@ -123,20 +126,23 @@ class RefitSettings:
 class ReadingNoiseSettings:
     """Settings for reading noise that acts through effects with a history."""
 
-    draws: int = tuning(12, 'times that noise is added once more', source='sweep')
+    draws: int = tuning(12, 'number of draws of additional noise', source='sweep')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelectionSettings:
     """Settings of forward selection and backward elimination of effects."""
 
-    finalists: int = tuning(2, 'candidates that are fitted until settled', source='sweep')
-    near: float = tuning(0.3, 'gain that makes a finalist', unit='of the best', source='sweep')
+    finalists: int = tuning(2, 'number of candidates fitted to convergence', source='sweep')
+    near: float = tuning(0.3, 'smallest gain of a finalist', unit='of the best', source='sweep')
     least_gain: float = tuning(
-        16.0, 'gain of an effect: four sigma', unit='chi squared', source='sweep'
+        16.0,
+        'smallest gain of an additional effect: four sigma',
+        unit='chi squared',
+        source='sweep',
     )
     most_left: float = tuning(
-        0.5, 'excess that an effect more may leave', unit='of that before', source='invented'
+        0.5, 'largest excess after adding an effect', unit='of that before', source='invented'
     )
 
 
@@ -145,7 +151,7 @@ class ConfirmationSettings:
     """Requirements for a name besides the tests, and its probability."""
 
     fall: float = tuning(
-        2.7, 'held-out chi squared that is significant: 95 % one-sided', source='convention'
+        2.7, 'significant reduction of held-out chi squared: 95 % one-sided', source='convention'
     )
     wrong: float = tuning(
         0.02,
@@ -153,7 +159,9 @@ class ConfirmationSettings:
         source='blind trials: 1 of 97 names, and one more (docs/diagnosis.md)',
     )
     unconfirmed: float = tuning(
-        0.1, 'the same, where a part of it could not be tested', source='sweep'
+        0.1,
+        'probability that a name is wrong if not all requirements could be tested',
+        source='sweep',
     )
 
 
@@ -162,7 +170,10 @@ class LocalizationSettings:
     """Settings of the misfit shares over arclength, pressure, force, time and direction."""
 
     moving: float = tuning(
-        0.02, 'rate of pressure; below it holds', unit='pressure range/s', source='sweep'
+        0.02,
+        'rate of pressure below which the pressure is constant',
+        unit='pressure range/s',
+        source='sweep',
     )
     significant: float = tuning(1e-3, 'p-value', source='convention')
 
@@ -172,7 +183,7 @@ class AugmentedModelSettings:
     """Settings of the base model fitted with the effects."""
 
     settled: float = tuning(
-        0.3, 'step at which the fit has converged', unit='std of all', source='sweep'
+        0.3, 'step size at which the fit has converged', unit='std of all', source='sweep'
     )
 
 
@@ -194,8 +205,8 @@ class DiagnosisSettings:
     """The settings of a diagnosis that can change; declared: as in `calibrate`."""
 
     declared: PressureConvention | None = GAUGE_PASCALS
-    withheld: tuple[str, ...] = setting((), 'effects that are not considered')
-    tested: bool = setting(True, 'whether something must have tested a name')
+    withheld: tuple[str, ...] = setting((), 'effects that are excluded')
+    tested: bool = setting(True, 'whether a name must have been tested')
 
 
 DEFAULTS = DiagnosisSettings()

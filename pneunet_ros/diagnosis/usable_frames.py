@@ -119,7 +119,7 @@ def without_unread(
         return [[*group] for group in groups], ()
     kept, lost = frames_kept(groups, every, noise)
     note = Note(
-        f'{left} of {sum(flags.size for flags in every)} frames were left out because their '
+        f'{left} of {sum(flags.size for flags in every)} frames were excluded because their '
         'pressure or load is not known: it changed between two readings, or its readings had '
         'ended' + (f'; nothing is left of {", ".join(lost)}' if lost else ''),
         reason='between_readings',

@@ -379,17 +379,19 @@ def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
         found.append(f'{count} training recordings cannot confirm it')
     elif (p_value := split_p_value(finding.suspect, fits.search, fits.selection.seed)) > LEVEL:
         found.append(
-            f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
+            'the law of either half of the recordings does not predict the other (p-value '
+            f'{p_value:.2g})'
         )
     if finding.share < LEAST_SHARE:
-        found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')
+        found.append(f'it explains {max(finding.share, 0.0):.0%} of the remaining misfit')
     if base is not fits.first and finding.gain < CONFIRMATION.beside_named * base.record.evidence:
-        found.append('it may be a part of the named effect that its law misses')
+        found.append('it may be the law error of the named effect')
     if finding.proposal is not None:
         if not finding.explains:
             worst = worst_test(finding.proposal.trial.record.tests)
             found.append(
-                f'it leaves more than a law may (p-value {worst.p_value:.1g} of {worst.name})'
+                f'its residuals are too large for a law (p-value {worst.p_value:.1g} of '
+                f'{worst.name})'
             )
         confirmer = Confirmer.of(fits.selection, fits.first.record)
         found += confirmer.held_out_objections(finding.proposal.trial.record)

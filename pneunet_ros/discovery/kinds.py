@@ -162,7 +162,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='push',
-            subject='something pushes the arm along its normal',
+            subject='a force pushes the arm along its normal',
             amplitude='force',
             unit='N',
             prior=0.05,
@@ -172,8 +172,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='chamber_pressure',
-            subject='the arm bends as by another pressure than the one that is read',
-            amplitude='pressure in the chamber beyond the reading',
+            subject='the pressure in the chamber differs from its reading',
+            amplitude='difference from the reading',
             unit='Pa',
             prior=2e3,
             place='actuation',
@@ -183,7 +183,7 @@ KINDS: dict[str, Kind] = {
         *(
             Kind(
                 name=f'line_load_{axis}',
-                subject=f'a load along {vector} is spread over the arm',
+                subject=f'a load along {vector} is distributed over the arm',
                 amplitude='load per length',
                 unit='N/m',
                 prior=1.0,
@@ -194,8 +194,8 @@ KINDS: dict[str, Kind] = {
         *(
             Kind(
                 name=f'end_force_{axis}',
-                subject=f'the end force along {vector} is not the one that is read',
-                amplitude='force beyond the reading',
+                subject=f'the end force along {vector} differs from its reading',
+                amplitude='difference from the reading',
                 unit='N',
                 prior=0.03,
                 place='sensing',
@@ -206,8 +206,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='end_moment',
-            subject='the moment at the free end is not the one that is read',
-            amplitude='moment beyond the reading',
+            subject='the moment at the free end differs from its reading',
+            amplitude='difference from the reading',
             unit='N m',
             prior=1e-3,
             place='sensing',
@@ -224,7 +224,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='camera_scale',
-            subject='the scale of the picture is off',
+            subject='the scale of the image is wrong',
             amplitude='share of the scale',
             unit='-',
             prior=0.01,
@@ -234,7 +234,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='camera_rotation',
-            subject='the picture is turned about the base',
+            subject='the image is rotated about the base',
             amplitude='turn',
             unit='rad',
             prior=0.05,
@@ -267,7 +267,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='time_offset',
-            subject='the stamps of the camera are off',
+            subject='the stamps of the camera are wrong',
             amplitude='delay',
             unit='s',
             prior=0.1,

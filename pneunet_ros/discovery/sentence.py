@@ -30,9 +30,7 @@ def swing_sentence(
 ) -> str:
     """Describe an oscillating cause: its kind and period; no measurement predicts it."""
     size = f'{swing.size * kind.prior:.2g} {kind.unit}'
-    changes = (
-        f'changes by itself, over about {swing.period:.2g} s and without a period ({size} rms)'
-    )
+    changes = f'varies without a period, over about {swing.period:.2g} s ({size} rms)'
     if swing.periodic:
         grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
         changes = f'oscillates with a period of {swing.period:.3g} s{grows} (up to {size})'
@@ -81,7 +79,7 @@ def tied_words(tied: Sequence[str]) -> str:
         return ''
     subjects = [f'{name} ({KINDS[name].subject})' for name in tied[:MOST_TIED]]
     more = f' or {len(tied) - MOST_TIED} others' if len(tied) > MOST_TIED else ''
-    return f' These recordings cannot tell it from {" or ".join(subjects)}{more}.'
+    return f' These recordings cannot distinguish it from {" or ".join(subjects)}{more}.'
 
 
 def terms_words(kind: Kind, terms: Sequence[TermOfLaw]) -> str:

@@ -28,7 +28,7 @@ class CovariateSettings:
     """Settings of the covariates of an amplitude."""
 
     play: float = tuning(
-        0.02, 'full width of the usual play', unit='pressure range', source='sweep'
+        0.02, 'full width of the default play operator', unit='pressure range', source='sweep'
     )
 
 
@@ -38,22 +38,22 @@ class LawSettings:
 
     least_gain: float = tuning(
         4.0,
-        'gain of a term more in recordings left out, and difference of two kinds',
+        'smallest gain of an additional term in left-out recordings, and between two kinds',
         unit='log probability',
         source='sweep',
     )
     prior_sizes: tuple[float, ...] = tuning(
         (0.01, 0.1, 1.0),
-        'prior std of coefficients, the best is taken',
+        'candidates for the prior std of coefficients',
         unit='prior of the kind',
         source='sweep',
     )
     fewest_cycles: float = tuning(
-        2.5, 'periods in the longest recording, at least', source='sweep'
+        2.5, 'smallest number of periods in the longest recording', source='sweep'
     )
     fewest_runs: int = tuning(
         3,
-        'recordings that show a law in time: half of those of which halves test it',
+        'smallest number of recordings for a law in time: half of those for a split test',
         source='tried: with 4 six recordings give no law in time, as no half shows one',
     )
 
@@ -63,23 +63,24 @@ class LawConfirmationSettings:
     """Settings of the tests that a law must pass to be reported."""
 
     more_finalists: int = tuning(
-        6, 'kinds that are fitted jointly if none of those passes', source='invented'
+        6, 'number of kinds fitted jointly if no finalist passes', source='invented'
     )
     beside_named: float = tuning(
         0.1,
-        'gain of a law beside a named effect, or over a name, at least',
+        'smallest gain of a law in addition to a named effect, or instead of a name',
         unit='evidence of the name',
         source='invented',
     )
     overrules: float = tuning(
         10.0,
-        'by how much a law must predict better than a name',
+        'smallest advantage in prediction of a law over a name',
         unit='log probability',
         source='invented',
     )
     fewest_runs: int = tuning(
         4,
-        'training recordings of which halves test a law; of less a name gives way to it',
+        'smallest number of training recordings for a split test of a law; with fewer, a '
+        'name gives way to the law',
         source='sweep',
     )
 

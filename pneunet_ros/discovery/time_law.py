@@ -48,7 +48,7 @@ class Swing:
     def form(self) -> str:
         """Its description in words."""
         if not self.periodic:
-            return 'changes by itself, without a period'
+            return 'varies without a period'
         grows = '' if self.modulation == CONSTANT else ', times the pressure'
         return f'sine with a phase of its own in every recording{grows}'
 

@@ -45,7 +45,7 @@ class ClockDelaySettings:
     """Settings of the delay fit, and criteria for rejecting a delay."""
 
     components: int = tuning(
-        2, 'principal components of the motion that are used', unit='number', source='sweep'
+        2, 'number of principal components of the motion', unit='number', source='sweep'
     )
     seen: float = tuning(0.8, 'share of the frames in which a target must be seen', source='sweep')
     overlap: float = tuning(
@@ -65,19 +65,17 @@ class ClockDelaySettings:
         unit='range of pressure',
         source='sweep',
     )
-    law: float = tuning(
-        0.1, 'relative error of the effect that plays have on the delay', source='sweep'
-    )
+    law: float = tuning(0.1, 'relative error of the play effects on the delay', source='sweep')
     distinct: float = tuning(
         0.1,
-        'least share of the effect of a delay that no play can imitate',
+        'smallest share of the effect of a delay that plays cannot represent',
         source='measured: 0.00 to 0.09 if the pressure repeats one loop, else 0.10 to 0.95',
     )
     relaxations: tuple[float, ...] = tuning(
         (1.0, 3.0, 10.0, 30.0), 'time constants', unit='s', source='sweep'
     )
     stamps: float = tuning(
-        0.05, 'error of stamps of frames and readings', unit='period', source='sweep'
+        0.05, 'error of the stamps of frames and readings', unit='period', source='sweep'
     )
 
 

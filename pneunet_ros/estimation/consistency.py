@@ -55,13 +55,13 @@ class ConsistencySettings:
     )
     tip_level: float = tuning(
         0.05,
-        'share of frames whose tip lies outside its ellipse by noise alone',
+        'share of frames with the tip outside its ellipse due to noise alone',
         source='convention',
     )
     most_tips: float = tuning(
         0.2,
-        'largest share of tips outside their ellipses for a model that holds; a systematic '
-        'error puts more outside',
+        'largest share of tips outside their ellipses for an adequate model; a systematic '
+        'error causes a larger one',
         source='sweep',
     )
 

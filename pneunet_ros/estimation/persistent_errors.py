@@ -50,7 +50,7 @@ class PersistenceSettings:
 
     frames: int = tuning(
         200,
-        'frames of a recording that are used, evenly spread, up to twice as many',
+        'number of frames used, evenly spread over a recording, up to twice as many',
         source='sweep',
     )
     odd: float = tuning(

@@ -145,7 +145,7 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
         resumed = resume(state, reading)
         if resumed is None:
             return state.fresh(), None, sentence
-        return resumed, None, f'a {what} reading was stamped ahead of its time: left out'
+        return resumed, None, f'a {what} reading with a stamp in the future was dropped'
     if reason:
         refusal = drop(stamp_ns, reason, sentence)
         return state, refusal, ''

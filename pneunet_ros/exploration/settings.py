@@ -14,8 +14,10 @@ class ExplorationSettings:
     recordings: int = tuning(
         8, 'recordings at most', source='convention: the fixed protocol of the lab has as many'
     )
-    stays: int = tuning(2, 'rounds with the same name that confirm it', source='invented')
-    frames: int = tuning(30, 'frames of a simulated experiment', source='invented')
+    stays: int = tuning(
+        2, 'number of rounds with the same name that confirm it', source='invented'
+    )
+    frames: int = tuning(30, 'number of frames of a simulated experiment', source='invented')
     between: float = tuning(2.0, 'pause between recordings', unit='s', source='invented')
 
 

@@ -23,7 +23,7 @@ class PressureJumpSettings:
     """Criteria for a pressure step between two readings, at an unknown time."""
 
     neighbors: float = tuning(
-        3.0, 'smallest ratio of a jump to the changes next to it', source='invented'
+        3.0, 'smallest ratio of a jump to the adjacent changes', source='invented'
     )
 
 

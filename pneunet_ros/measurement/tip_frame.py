@@ -34,7 +34,7 @@ class TipFrameSettings:
 
     out_of_reach: float = tuning(
         1.1,
-        'distance of a tip from the clamp that no arm can have',
+        'largest possible distance of a tip from the clamp',
         unit='reach',
         source='convention: pneu-nets lengthen by a few percent',
     )
@@ -135,7 +135,7 @@ def in_base_frame(
             in_base[index] = without_poses(run, strays)
             notes.append(
                 Note(
-                    f'{run.name}: left out {np.count_nonzero(strays)} of {len(strays)} poses of '
+                    f'{run.name}: excluded {np.count_nonzero(strays)} of {len(strays)} poses of '
                     'the tip, because the arm does not reach them',
                     reason='out_of_reach',
                 )

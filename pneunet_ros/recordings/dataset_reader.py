@@ -272,5 +272,5 @@ def _say_left_out(
     if count:
         plural = '' if count == 1 else 's'
         sentences.append(
-            Note(f'{frames.topic}: {count} frame{plural} left out, {why}', reason=reason)
+            Note(f'{frames.topic}: {count} frame{plural} excluded, {why}', reason=reason)
         )

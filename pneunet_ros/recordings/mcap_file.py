@@ -191,11 +191,11 @@ class _Scan:
         undefined = sum(number for key, number in self.counts.items() if key not in self.channels)
         if undefined:
             yield Note(
-                f'has {undefined} messages without a topic, which were left out', reason='no_topic'
+                f'has {undefined} messages without a topic, which were skipped', reason='no_topic'
             )
         if self.too_late:
             yield Note(
-                f'has {self.too_late} messages logged after the year 2262, which were left out',
+                f'has {self.too_late} messages logged after the year 2262, which were skipped',
                 reason='too_late',
             )
 

@@ -125,7 +125,7 @@ def read_gravity(
         direction=np.array([direction for _, direction in kept]),
         reach=settings.gravity_timeout if varies else math.inf,
         sentences=tuple(
-            f'left out {count} readings of gravity ({reason}): {refused[reason].sentence}'
+            f'dropped {count} readings of gravity ({reason}): {refused[reason].sentence}'
             for reason, count in counts.items()
         ),
     )

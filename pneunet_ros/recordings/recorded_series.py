@@ -32,9 +32,9 @@ REASONS = {
     UNREADABLE: 'not readable',
     'not_finite': f'NaN, infinite or beyond {LARGEST:g}',
     'no_stamp': 'without a header stamp',
-    'duplicate': 'with the same stamp as the one before',
-    'older': 'older than the one before',
-    AHEAD: 'stamped ahead of time',
+    'duplicate': 'with the same stamp as the previous one',
+    'older': 'older than the previous one',
+    AHEAD: 'with a stamp in the future',
     RESTARTED: 'on the other side of a jump back in time',
 }
 
@@ -66,7 +66,7 @@ class ReadingSeries:
         """Describe the number of dropped readings, and the reasons."""
         return tuple(
             Note(
-                f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} left out, '
+                f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} dropped, '
                 f'{REASONS[reason]}',
                 reason=reason,
             )

@@ -123,7 +123,7 @@ def read_measured(
     if frames.get(TIP_POSE.name, '') not in ('', frame):
         sentences.append(
             Note(
-                f'{topics.pop(TIP_POSE.name)} was left out: it is in the frame '
+                f'{topics.pop(TIP_POSE.name)} was ignored: it is in the frame '
                 f'{frames[TIP_POSE.name]}, and the targets are in {frame}',
                 reason='other_frame',
             )
@@ -218,7 +218,7 @@ def read_rows(recording: Recording, topic: str, row_of: Callable[[Any], Array]) 
         frame=''.join(frames),
         stamp_ns=increasing_ns,
         rows=[rows[index] for index in kept.tolist()],
-        sentences=(f'{topic}: left out {twice} messages with repeated stamps',) if twice else (),
+        sentences=(f'{topic}: dropped {twice} messages with repeated stamps',) if twice else (),
     )
 
 

@@ -245,7 +245,7 @@ def open_recording(path: str | Path) -> Recording:
     if len(left_out) > LEFT_OUT_SHOWN:
         sentences.append(
             Note(
-                f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} were left out',
+                f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} were skipped',
                 reason='not_supported',
             )
         )
@@ -283,7 +283,7 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     longest = max(len(channel.topic), len(schema.name) if schema else 0)
     if longest > LONGEST_NAME:
         return Note(
-            f'{shortened(channel.topic, LONGEST_NAME)} in {file.path} was left out: the name of '
+            f'{shortened(channel.topic, LONGEST_NAME)} in {file.path} was skipped: the name of '
             f'its topic or type has {longest} characters, and {LONGEST_NAME} are allowed',
             reason='too_large',
         )
@@ -292,11 +292,11 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     if known is not None and schema is not None:
         return Note(
             f'{channel.topic} in {file.path} was read as {known.type} only; its messages of type '
-            f'{schema.name} ({what}) were left out',
+            f'{schema.name} ({what}) were skipped',
             reason='not_supported',
         )
     return Note(
-        f'{channel.topic} in {file.path} was left out: it contains no ROS 2 messages ({what})',
+        f'{channel.topic} in {file.path} was skipped: it contains no ROS 2 messages ({what})',
         reason='not_supported',
     )
 

@@ -12,7 +12,9 @@ class ReportSettings:
     """Tuning constants of figures and tables: significance and agreement."""
 
     as_noise: float = tuning(
-        1.2, 'largest ratio of residual to noise that is reported as noise', source='sweep'
+        1.2,
+        'largest ratio of residual to noise that counts as consistent with noise',
+        source='sweep',
     )
     hidden_under_load: float = tuning(
         6.0,

@@ -31,7 +31,7 @@ class SolverSettings:
 
     tolerance: float = tuning(
         1e-13,
-        'residual Newton aims at',
+        "residual at which Newton's method stops",
         unit='rad',
         source='convention: rounding of float64; sweep: no figure by more than 6e-17',
     )
@@ -48,7 +48,10 @@ class SolverSettings:
         source='sweep: halved and doubled: no figure by more than 3e-8',
     )
     coarser: float = tuning(
-        32.0, 'detail on half as many panels, at least', unit='detail', source='invented'
+        32.0,
+        'smallest ratio of the detail on half as many panels',
+        unit='detail',
+        source='invented',
     )
 
 

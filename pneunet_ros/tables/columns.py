@@ -316,7 +316,7 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
             raise RecordingError(
                 f'{where}: {", ".join(map(repr, raw[:_NAMES_SHOWN]))} seems to be a raw signal, '
                 'not a pressure. Convert it to a column such as pressure_kpa with the data sheet '
-                'of the sensor (pressure = slope x signal + offset), and leave out the raw '
+                'of the sensor (pressure = slope x signal + offset), and drop the raw '
                 'column with --ignore',
                 reason='raw_signal',
             )

@@ -155,7 +155,7 @@ def _without_readings(path: Path, table: CsvTable) -> list[Note]:
     if len(names) + (STAMP in table.numbers) < len(table.numbers):
         notes.append(
             Note(
-                f'{path}: columns {ESTIMATE}... are not readings and were left out',
+                f'{path}: columns {ESTIMATE}... are not readings and were ignored',
                 reason='estimates',
             )
         )
@@ -342,8 +342,7 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
     if request.rate is not None and name != '--rate':
         written = table.written.get(name, name)
         raise RequestError(
-            f'{path} has the column {name}: leave out --rate, or --ignore {written}',
-            reason='exclusive',
+            f'{path} has the column {name}: omit --rate, or --ignore {written}', reason='exclusive'
         )
     stamps: list[int] = []
     shift = 0

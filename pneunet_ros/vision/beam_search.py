@@ -49,12 +49,16 @@ class BeamSearchSettings:
 
     farthest: float = tuning(
         3.0,
-        'off its place, from which on a blob is no target of a row; a missing one costs as much',
+        'distance from the prediction beyond which a blob is not a target; cost of a '
+        'missing target',
         unit='sigma',
         source='convention: three sigma',
     )
     across_std: float = tuning(
-        0.15, 'sigma off its place, across', unit='spacing', source='invented'
+        0.15,
+        'sigma of the distance from the prediction, across',
+        unit='spacing',
+        source='invented',
     )
     size_std: float = tuning(
         0.35, 'difference of logarithmic areas in a row, one sigma', source='sweep'
@@ -66,17 +70,17 @@ class BeamSearchSettings:
         0.15, 'difference of the logarithmic blur of edges, one sigma', source='sweep'
     )
     memory: float = tuning(
-        0.7, 'weight of the row so far in its spacing and its size', source='sweep'
+        0.7, 'weight of the previous targets of a row in its spacing and size', source='sweep'
     )
     continues: float = tuning(
         1.5,
-        'cost of a blob beyond the end, below which a row goes on however well it fits',
+        'cost of a blob beyond the end below which a row continues regardless of its fit',
         source='invented: without it, acceptance/painted_dots.py finds more of films 1 and 15, '
         'and nothing of a third',
     )
-    least_share: float = tuning(0.4, 'share of targets seen of a row, at least', source='sweep')
+    least_share: float = tuning(0.4, 'smallest share of seen targets of a row', source='sweep')
     seen: float = tuning(
-        0.8, 'share of the targets seen in a row found anywhere, at least', source='sweep'
+        0.8, 'smallest share of seen targets in a row found anywhere', source='sweep'
     )
 
     @property

@@ -32,12 +32,10 @@ class PriorSettings:
     """Settings of the shapes from which a prior is learned."""
 
     smoother: float = tuning(
-        1.75, 'length scale of shapes that are smoother', unit='learned', source='sweep'
+        1.75, 'length scale of the smoother shapes', unit='learned', source='sweep'
     )
     learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length', source='sweep')
-    pressures: int = tuning(
-        6, 'shares of the calibrated range at which shapes are taken', source='sweep'
-    )
+    pressures: int = tuning(6, 'number of pressures over the calibrated range', source='sweep')
     pull: float = tuning(
         2.0, 'end force, as in Table 1', unit='weight', source='literature: paper'
     )

@@ -24,18 +24,25 @@ class GatingSettings:
     """Settings for gating blobs as targets of a row."""
 
     longest: float = tuning(
-        1.3, 'distance of neighbors over that along the arm, at most', source='sweep'
+        1.3, 'largest ratio of the distance of neighbors to that along the arm', source='sweep'
     )
     largest_loss: float = tuning(
-        0.87, 'area over usual, compared with neighbors, at least', source='sweep'
+        0.87, 'smallest ratio of area to the usual one, compared with neighbors', source='sweep'
     )
-    largest_growth: float = tuning(1.2, 'the same, at most', source='sweep')
-    longer: float = tuning(1.35, 'elongation over that of neighbors, at most', source='sweep')
+    largest_growth: float = tuning(
+        1.2, 'largest ratio of area to the usual one, compared with neighbors', source='sweep'
+    )
+    longer: float = tuning(
+        1.35, 'largest ratio of elongation to that of neighbors', source='sweep'
+    )
     first_growth: float = tuning(
-        1.1, 'area over most, of a target not seen before, at most', source='sweep'
+        1.1, 'largest ratio of area to neighbors for a target not seen before', source='sweep'
     )
     alone_between: float = tuning(
-        0.04, 'a target moves alone, at most', unit='spacing', source='sweep'
+        0.04,
+        'largest motion of a target relative to its neighbors',
+        unit='spacing',
+        source='sweep',
     )
 
 

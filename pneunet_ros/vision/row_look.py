@@ -46,9 +46,11 @@ from pneunet_ros.vision.gating import GATING, GatingSettings, local_median
 class RowLookSettings:
     """Settings for predicting the appearance of a target from its neighbors."""
 
-    neighbors: int = tuning(6, 'the nearest, by which a target is known', source='sweep')
+    neighbors: int = tuning(
+        6, 'number of nearest neighbors used for the appearance', source='sweep'
+    )
     exact: float = tuning(
-        0.94, 'share of the edge on the outline, of a whole blob', source='measured'
+        0.94, 'smallest share of the edge on the outline for a whole blob', source='measured'
     )
     unclear: float = tuning(
         3.0,
@@ -84,7 +86,7 @@ class RowLookSettings:
         unit='px',
         source='sweep',
     )
-    filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
+    filled: float = tuning(0.65, 'smallest visible share of the inside', source='measured')
     level: float = tuning(
         0.15, 'largest difference of brightness from neighbors', unit='contrast', source='sweep'
     )

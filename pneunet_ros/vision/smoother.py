@@ -60,11 +60,9 @@ KEPT_OPERATORS = 256
 class SmootherSettings:
     """Settings for separating noise and stretch from curvature."""
 
-    least_std: float = tuning(
-        1e-5, 'noise below this is not believed', unit='length', source='sweep'
-    )
+    least_std: float = tuning(1e-5, 'smallest plausible noise', unit='length', source='sweep')
     stretch_share: float = tuning(
-        0.01, "variation of the stretch over the angle's", source='sweep'
+        0.01, 'std of the stretch relative to that of the angle', source='sweep'
     )
 
 

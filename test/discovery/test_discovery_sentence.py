@@ -25,9 +25,9 @@ def term(name: str, coefficient: float, unit: str) -> TermOfLaw:
 def test_a_law_is_said_with_place_size_and_rivals():
     terms = [term('1', 0.05, 'N'), term('p', -2e-7, 'N/Pa')]
     assert law_sentence(KINDS['push'], PLACE, terms, ('bump',)) == (
-        'Something pushes the arm along its normal, at 0.62 of its length (± 0.02): the force is '
+        'A force pushes the arm along its normal, at 0.62 of its length (± 0.02): the force is '
         'constant and depends on the pressure (0.05 N - 2e-07 N/Pa x p). These recordings cannot '
-        'tell it from bump (the free shape of a short stretch of the arm changes). This is a '
+        'distinguish it from bump (the free shape of a short stretch of the arm changes). This is a '
         'proposal until other recordings confirm it.'
     )
 

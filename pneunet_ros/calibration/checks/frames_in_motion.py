@@ -141,7 +141,7 @@ class FramesInMotion:
         idle = f' ({self.idle} frames at rest are from before its load)' if self.idle else ''
         lost = f'; nothing is left of {", ".join(self.lost)}{idle}' if self.lost else ''
         return Note(
-            f'{self.seen} and were left out, because the fit is static{lost}{self.untested}. '
+            f'{self.seen} and were excluded, because the fit is static{lost}{self.untested}. '
             'Change pressure and load slowly, or wait for the arm to settle; calibrate --motion '
             'fits mass and damping to such frames',
             reason='in_motion',

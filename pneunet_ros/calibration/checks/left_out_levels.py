@@ -69,9 +69,10 @@ class LeftOutLevels:
         """Describe the errors for users."""
         what = 'heading of the tip' if self.is_angle else 'tip'
         text = (
-            f'{self.levels} pressures were left out of the fit in turn. There the model misses '
-            f'the {what} by {self.shown(self.model)} rms, a constant curvature interpolated over '
-            f'the pressure by {self.shown(self.arc)}, and plain interpolation of the {what} by '
+            f'{self.levels} pressures were left out of the fit in turn. At these, the model '
+            f'misses the {what} by {self.shown(self.model)} rms, a constant curvature '
+            f'interpolated over the pressure by {self.shown(self.arc)}, and plain interpolation '
+            f'of the {what} by '
             f'{self.shown(self.interpolation)}'
         )
         if not self.better:

@@ -34,7 +34,7 @@ def options(parser: ArgumentParser) -> None:
         (
             'unloaded',
             'recordings of the arm with nothing attached: experiment 1, kappa_p0(p, s) (default: '
-            'the --loaded recordings without `end_wrench`, or with nothing but noise in it)',
+            'the --loaded recordings without `end_wrench`, or with only noise in it)',
         ),
         ('loaded', 'recordings under end load: experiment 2, the moment law'),
     ):

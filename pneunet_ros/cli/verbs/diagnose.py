@@ -59,7 +59,7 @@ def options(parser: ArgumentParser) -> None:
         parser,
         '--unloaded',
         'which of these recordings show the arm with nothing attached (default: those '
-        'without `end_wrench`, or with nothing but noise in it)',
+        'without `end_wrench`, or with only noise in it)',
     )
     verb.add_output(
         parser,

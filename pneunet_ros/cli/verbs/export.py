@@ -116,7 +116,7 @@ def left_out(
     frame = tip_frame(recording, topics.get(TIP_POSE.name), settings)
     if frame != BASE_FRAME:
         yield Note(
-            f'{topics.pop(TIP_POSE.name)} is left out: it is in the frame {frame}, and a table is '
+            f'{topics.pop(TIP_POSE.name)} was ignored: it is in the frame {frame}, and a table is '
             f'in {settings.frame_id}; add --frame-id {frame} if that is the frame of the clamp',
             reason='wrong_frame',
         )
@@ -132,7 +132,7 @@ def left_out(
         found = [name for name in names if name not in unseen]
         if found:
             yield Note(
-                f'{topic}: {", ".join(found)} left out: tables have no column for it',
+                f'{topic}: {", ".join(found)} omitted: tables have no column for it',
                 reason='not_supported',
             )
 

@@ -280,7 +280,7 @@ def show(data: SurveyData, content: Mapping[str, Any], console: Console) -> None
             rows.append((item.name, 'failed'))
             continue
         row = arm_row(item, data)
-        name = f'{item.name} (odd)' if row['odd'] else item.name
+        name = f'{item.name} (outlier)' if row['odd'] else item.name
         rows.append((name, row['finding'], row['before'], row['after'], row['distance']))
     title = f'{len(data.arms)} arms, {content["kept"]} of them done before'
     columns = ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike')

@@ -59,7 +59,7 @@ class PressureJudgeSettings(JudgeSettings):
     )
     vacuum: float = tuning(
         0.001,
-        'share of recordings with pressures of a sign for which the model was not calibrated',
+        'share of recordings with pressures of the sign opposite to the calibration',
         source='convention: one of a thousand',
     )
     offset: float = tuning(
@@ -73,7 +73,7 @@ class PressureJudgeSettings(JudgeSettings):
     )
     another_arm: float = tuning(
         1e-4,
-        'share of recordings of an arm with a very different range than the model',
+        'share of recordings of an arm with a very different range from that of the model',
         source='convention: so small that the range counts',
     )
     other_actuator: float = tuning(
@@ -103,7 +103,7 @@ class PressureJudgeSettings(JudgeSettings):
     )
     viable: float = tuning(
         25.0,
-        'log odds below the best meaning at which targets are not compared',
+        'log odds below the best meaning at which targets are no longer compared',
         source='convention: more than targets can add',
     )
 

@@ -41,12 +41,12 @@ class JudgeSettings:
     )
     leaves: float = tuning(
         0.05,
-        'recordings that leave the calibrated pressures or loads',
+        'share of recordings beyond the calibrated pressures or loads',
         source='convention: one of twenty',
     )
     beyond: float = tuning(
         0.3,
-        'sigma of how far they leave them',
+        'sigma of the distance beyond them',
         unit='of the calibrated range, or of the size of the loads',
         source='convention: the load margin of the domain is of this order',
     )

@@ -157,12 +157,12 @@ def law_comparison(data: FigureData) -> Picture | None:
             label=f'{item.kind}, all: {millimeters(item.rms):.3f} mm',
         )
     axes.set_xticks(np.arange(len(names)), [f'without {name}' for name in names])
-    axes.set(ylabel='rms on the recording left out (mm)')
+    axes.set(ylabel='rms on the left-out recording (mm)')
     axes.margins(y=0.35)
     legend(axes, loc='upper center', ncols=len(laws))
     return Picture(
         '14_laws',
-        'Moment laws on recordings left out',
+        'Moment laws on left-out recordings',
         'Each law was fitted without one loaded recording and then predicted that recording: '
         f'rms per coordinate, without the registration error. {best_sentence(laws)}',
         figure,

@@ -78,7 +78,7 @@ def numbers(data: SurveyData) -> Picture | None:
         'The same numbers of every arm',
         'Bars are two standard errors. Line and band: center of the fleet, and two standard '
         'deviations of the scatter of similar arms beyond their error bars. Red diamonds: arms '
-        'that are odd by all numbers together; an arm may be odd although no single number is.',
+        'that are outliers by all numbers together, even if no single number is unusual.',
         figure,
     )
 
@@ -175,7 +175,7 @@ def shapes(data: SurveyData) -> Picture | None:
         '03_shapes',
         'Every arm under the same pressures',
         'Unloaded centerlines, predicted by the models with the missing effects, all to the same '
-        'scale; grey: the median of the fleet. Red frames: odd arms. Pressures to which an arm '
+        'scale; grey: the median of the fleet. Red frames: outliers. Pressures to which an arm '
         'was not calibrated are not drawn.',
         figure,
     )

@@ -51,7 +51,7 @@ def survey_sentences(data: SurveyData) -> list[str]:
         *rare_sentences(data),
         *(f'{item.name} failed: {item.failed}' for item in failed),
         *(
-            f'{name} is left out: none of its recordings has a name that begins with unloaded, '
+            f'{name} is excluded: none of its recordings has a name that begins with unloaded, '
             'loaded or heldout.'
             for name in data.left_out
         ),
@@ -84,11 +84,11 @@ def certainty(data: SurveyData) -> str:
     """Describe the basis of the comparison and of the model errors."""
     fleet, done = data.fleet, len(data.done)
     compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
-    text = f'Too few arms to find odd ones: at least {FEWEST_COMPARED} are needed.'
+    text = f'Too few arms to find outliers: at least {FEWEST_COMPARED} are needed.'
     if compared:
         text = (
             f'{compared} of {done} arms are compared, with their error bars; in about 6 % of '
-            'fleets of similar arms, one is called odd by chance (17 of 270 drawn fleets).'
+            'fleets of similar arms, one is an outlier by chance (17 of 270 drawn fleets).'
         )
     held_out = sum(item.held_out for item in data.done)
     return f'{text} Model errors of {held_out} of {done} arms are from held-out recordings.'
@@ -108,7 +108,7 @@ def next_steps(data: SurveyData) -> tuple[str, str]:
     (arm,) = (item for item in data.done if item.name == name)
     step = f'Test the model of {name} on a recording that it has not seen.'
     if places:
-        step = f'Record {name} again, and check whether its model holds: it is the oddest arm.'
+        step = f'Record {name} again, and check whether its model holds: it deviates most.'
     model = shlex.quote(f'{data.output}/{arm.folder}/{arm.found["model"]}')
     return step, f'pneunet replay FRESH.mcap --model {model}'
 

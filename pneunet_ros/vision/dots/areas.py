@@ -29,7 +29,7 @@ class BlobSettings:
     """Criteria that separate areas from the background."""
 
     levels: int = tuning(
-        2, 'thresholds at which an area of the least contrast is visible', source='sweep'
+        2, 'number of thresholds at which an area of the least contrast is visible', source='sweep'
     )
     speck: int = tuning(
         3, 'side of the square over which noise is averaged', unit='px', source='sweep'

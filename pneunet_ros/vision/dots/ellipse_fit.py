@@ -42,18 +42,20 @@ class EllipseSettings:
     """Settings of the ellipse fit to the edge of a blob."""
 
     sectors: int = tuning(
-        16, 'sectors around a blob, each with its own background and edge', source='sweep'
+        16,
+        'number of sectors around a blob, each with its own background and edge',
+        source='sweep',
     )
-    passes: int = tuning(8, 'most passes of the fit', source='sweep')
+    passes: int = tuning(8, 'largest number of iterations', source='sweep')
     done: float = tuning(
-        0.003, 'step of the center after which the fit ends', unit='px', source='sweep'
+        0.003, 'step of the center at which the fit ends', unit='px', source='sweep'
     )
     margin: float = tuning(1.0, 'width of pixels added on either side', unit='px', source='sweep')
     largest_change: float = tuning(
-        0.25, 'largest change of size and shape per pass', unit='radius', source='sweep'
+        0.25, 'largest change of size and shape per iteration', unit='radius', source='sweep'
     )
     widest_step: float = tuning(
-        0.3, 'largest change of the blur per pass', unit='px', source='sweep'
+        0.3, 'largest change of the blur per iteration', unit='px', source='sweep'
     )
     least_off: float = tuning(
         0.02, 'usual distance of edges from the outline', unit='px', source='sweep'
@@ -66,7 +68,7 @@ class EllipseSettings:
     )
     shift: float = tuning(
         1.5,
-        'largest initial offset of an edge, and largest change of center and motion per pass',
+        'largest initial offset of an edge, and largest change of center and motion per iteration',
         unit='px',
         source=('sweep'),
     )
@@ -83,7 +85,7 @@ class EllipseSettings:
     )
     cut: float = tuning(
         2.5,
-        'distance from the outline above which an edge is left out',
+        'distance from the outline above which an edge is excluded',
         unit='usual distance',
         source='sweep',
     )
@@ -96,18 +98,21 @@ class EllipseSettings:
         source='sweep',
     )
     within: float = tuning(
-        0.9, 'of the most that a blob covers of a pixel, where it is its inside', source='sweep'
+        0.9, 'smallest coverage of a pixel inside, relative to the largest', source='sweep'
     )
     on_edge: float = tuning(
-        0.03, 'distance of an edge that is on the outline', unit='px', source='sweep'
+        0.03, 'largest distance of an edge on the outline', unit='px', source='sweep'
     )
     on_edge_share: float = tuning(
-        0.006, 'the same, at least', unit='radius', source='measured: 15 px, edges blurred by 2 px'
+        0.006,
+        'lower limit of on_edge',
+        unit='radius',
+        source='measured: 15 px, edges blurred by 2 px',
     )
     near_edge: float = tuning(
-        0.12, 'distance of an edge that is near the outline', unit='px', source='sweep'
+        0.12, 'largest distance of an edge near the outline', unit='px', source='sweep'
     )
-    near_edge_share: float = tuning(0.02, 'the same, added', unit='radius', source='sweep')
+    near_edge_share: float = tuning(0.02, 'addition to near_edge', unit='radius', source='sweep')
     uneven: float = tuning(
         0.7,
         'of what is on either side of an edge, not explained',
@@ -116,7 +121,7 @@ class EllipseSettings:
     )
     smear_error: float = tuning(
         0.003,
-        'of the center, for backgrounds that move along',
+        'error of the center due to backgrounds that move along',
         unit='way^2 / radius',
         source='measured',
     )

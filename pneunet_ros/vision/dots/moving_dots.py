@@ -70,17 +70,17 @@ class MovingDotSettings:
         unit='blur',
         source='sweep',
     )
-    passes: int = tuning(14, 'most passes of the fit', source='sweep')
+    passes: int = tuning(14, 'largest number of iterations', source='sweep')
     done: float = tuning(
-        0.01, 'step of the center after which the fit ends', unit='px', source='sweep'
+        0.01, 'step of the center at which the fit ends', unit='px', source='sweep'
     )
-    moves: int = tuning(3, 'times that the pixels used are moved after the center', source='sweep')
+    moves: int = tuning(3, 'largest number of shifts of the pixels used', source='sweep')
     largest_change: float = tuning(
         0.4, 'largest total change of the size', unit='radius', source='sweep'
     )
     near: float = tuning(
         0.1,
-        'change of the center below which the pixels used are not moved',
+        'change of the center below which the pixels used are not shifted',
         unit='radius',
         source='sweep',
     )
@@ -91,9 +91,9 @@ class MovingDotSettings:
         0.1, 'std of size and motion from other fits', unit='radius, way', source='sweep'
     )
     informing: int = tuning(
-        3, 'nearest neighbors that give the prior of size and contrast', source='sweep'
+        3, 'number of nearest neighbors for the prior of size and contrast', source='sweep'
     )
-    fewest: int = tuning(2, 'fewest neighbors for a prior', source='sweep')
+    fewest: int = tuning(2, 'smallest number of neighbors for a prior', source='sweep')
     contrast_std: float = tuning(
         0.3, 'std of the contrast predicted by neighbors', unit='contrast', source='sweep'
     )
@@ -108,7 +108,7 @@ class MovingDotSettings:
         source='measured: composed films of other photographs and seeds than are scored',
     )
     least_error: float = tuning(
-        0.01, 'least error of the center: dots are unevenly painted', unit='radius', source='sweep'
+        0.01, 'smallest error of the center, due to uneven paint', unit='radius', source='sweep'
     )
     differs: float = tuning(
         1.8, 'largest ratio of contrasts between a dot and its neighbors', source='sweep'
