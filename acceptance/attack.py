@@ -1,4 +1,4 @@
-"""Damaged and hostile inputs of every kind, thrown at the verbs that read them.
+"""Robustness test of the verbs against damaged and hostile inputs of every kind.
 
     python acceptance/attack.py [--cases N] [--seconds S] [--kind KIND ...] [--seed N] [--json]
                                 [--keep DIR]
@@ -95,13 +95,16 @@ def show(summary: dict[str, dict[str, float]]) -> None:
 def main() -> int:
     """Attack, tell, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--cases', type=int, default=5000, help='how many (default: 5000)')
+    parser.add_argument('--cases', type=int, default=5000, help='number of cases (default: 5000)')
     parser.add_argument('--kind', nargs='+', default=[], help=f'of {", ".join(CASES)}')
     parser.add_argument('--seed', type=int, default=0, help='number of the first case')
     parser.add_argument(
-        '--seconds', type=float, default=math.inf, help='begin no case after so long'
+        '--seconds',
+        type=float,
+        default=math.inf,
+        help='time after which no further case is started',
     )
-    parser.add_argument('--keep', type=Path, help='work in this folder, and leave it')
+    parser.add_argument('--keep', type=Path, help='work in this folder and keep it')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = parser.parse_args()
     kinds, started = kinds_of(arguments), time.perf_counter()

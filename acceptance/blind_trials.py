@@ -1,4 +1,4 @@
-"""Blind trials of the diagnosis: effects hidden by the virtual lab, named or not, and scored.
+"""Blind trials of the diagnosis, with effects hidden by the virtual lab.
 
     python acceptance/blind_trials.py --block all [--output FILE.jsonl] [--json] [--baselines]
                                       [--dots 0 4 9 13 18 22]
@@ -142,15 +142,19 @@ def main() -> None:
     command.add_argument(
         '--block', nargs='+', default=['all'], choices=['all', *BLOCKS], help='default: all'
     )
-    command.add_argument('--trials', type=int, help='per block (default: the block has its own)')
-    command.add_argument('--first', type=int, default=0, help='begin with this trial of a block')
     command.add_argument(
-        '--development', action='store_true', help='seeds that are never used for scoring'
+        '--trials', type=int, help='trials per block (default: as defined by the block)'
+    )
+    command.add_argument('--first', type=int, default=0, help='first trial of a block')
+    command.add_argument(
+        '--development', action='store_true', help='use development seeds, which are never scored'
     )
     command.add_argument('--workers', type=int, help='processes (default: one per core)')
-    command.add_argument('--scheduler', metavar='ADDRESS', help='of a Dask cluster')
+    command.add_argument('--scheduler', metavar='ADDRESS', help='address of a Dask scheduler')
     command.add_argument('--output', type=Path, metavar='FILE.jsonl', help='resumable')
-    command.add_argument('--baselines', action='store_true', help='other methods on the same data')
+    command.add_argument(
+        '--baselines', action='store_true', help='also run baseline methods on the same data'
+    )
     command.add_argument(
         '--dots',
         type=int,
@@ -158,7 +162,7 @@ def main() -> None:
         choices=range(23),
         default=[],
         metavar='N',
-        help='only these are painted, of 0 (clamp) to 22 (tip); default: all',
+        help='paint only these of the targets 0 (clamp) to 22 (tip); default: all',
     )
     command.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = command.parse_args()

@@ -1,4 +1,4 @@
-"""Is live replay when messages come in bursts? Of 1000 readings at three rates, every last bit.
+"""Test that live estimates equal the replay bit for bit when messages arrive in bursts.
 
     python acceptance/bursts.py [--readings 1000] [--json]
 

@@ -1,4 +1,4 @@
-"""How well calibration finds the truth of arms of the virtual lab, and how honest its errors are.
+"""Accuracy of calibration on arms of the virtual lab, and calibration of its error bars.
 
     python acceptance/calibration.py [--json] [--seeds N] [--first N] [--workers N]
 
@@ -259,7 +259,9 @@ def seed_command(about: str, *, seeds: int, first: int) -> argparse.ArgumentPars
     """Return the command of a bench over seeds, each an arm of its own."""
     command = argparse.ArgumentParser(description=about)
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--seeds', type=int, default=seeds, help=f'arms (default: {seeds})')
+    command.add_argument(
+        '--seeds', type=int, default=seeds, help=f'number of arms (default: {seeds})'
+    )
     command.add_argument('--first', type=int, default=first, help=f'first seed (default: {first})')
     command.add_argument(
         '--workers', type=int, default=max(1, (os.cpu_count() or 1)), help='processes'

@@ -1,4 +1,4 @@
-"""Arms composed on real photographs, both polarities: what the tracker finds, and how exactly.
+"""Accuracy of the tracker on arms composed on real photographs, with both polarities.
 
     python acceptance/composed_pictures.py [--frames N] [--photograph NAME ...] [--polarity NAME]
         [--disturbance NAME ...] [--json | --markdown] [--films DIR]
@@ -142,8 +142,8 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     printed = command.add_mutually_exclusive_group()
     printed.add_argument('--json', action='store_true', help='print one JSON object')
-    printed.add_argument('--markdown', action='store_true', help='print the table of the docs')
-    command.add_argument('--films', type=Path, help='folder for pictures of what was seen')
+    printed.add_argument('--markdown', action='store_true', help='print the table for the docs')
+    command.add_argument('--films', type=Path, help='folder for annotated images')
     asked = command.parse_args(words)
     if asked.films is not None:
         asked.films.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The tests of the acceptance scripts: beside them, with what tests share and without a window."""
+"""Configuration of the tests of the acceptance scripts: shared test support, no display."""
 
 from __future__ import annotations
 

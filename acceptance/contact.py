@@ -1,4 +1,4 @@
-"""How well a contact along the arm is found, sized and placed, and how often one is seen in vain.
+"""Detection rate, accuracy and false alarms of contacts along the arm.
 
     python acceptance/contact.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                  [--keep FOLDER] [--workers N]

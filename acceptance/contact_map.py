@@ -1,4 +1,4 @@
-"""Where along the arm a contact can be told apart from a tip force: Fisher information of a frame.
+"""Map of the observability of contacts along the arm: Fisher information of a frame.
 
     python acceptance/contact_map.py [--model FILE] [--picture PNG] [--json]
 
@@ -189,8 +189,8 @@ def draw(found: Array, path: str) -> None:
 def main() -> int:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('--model', help='a model file; by default a rig is calibrated')
-    command.add_argument('--picture', help='draw it into this file')
+    command.add_argument('--model', help='a model file (default: a calibrated rig)')
+    command.add_argument('--picture', help='write the figure to this file')
     command.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = command.parse_args()
     found = map_of(load_model(arguments.model) if arguments.model else model_of(FIRST_SEED))

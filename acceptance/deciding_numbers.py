@@ -1,4 +1,4 @@
-"""Count the numbers that decide, and those without a source: `make check` holds both down.
+"""Count the tuning constants, and those without a source; `make check` limits both.
 
     python acceptance/deciding_numbers.py           # the counts by room, and what is allowed
     python acceptance/deciding_numbers.py --invented  # each number without a source

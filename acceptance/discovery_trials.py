@@ -1,4 +1,4 @@
-"""Blind trials of discovery: causes outside the library, and nothing, hidden by the virtual lab.
+"""Blind trials of discovery, with hidden causes outside the library, or none.
 
     python acceptance/discovery_trials.py [--block causes clean named] [--cause NAME ...]
         [--sizes N] [--seeds N] [--first SEED] [--output FILE.jsonl] [--json]
@@ -223,8 +223,8 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--block', nargs='+', default=list(BLOCKS), choices=BLOCKS)
     command.add_argument('--cause', nargs='+', default=list(CAUSES), choices=list(CAUSES))
-    command.add_argument('--sizes', type=int, default=5, help='from weakest to strongest')
-    command.add_argument('--step', type=int, nargs='+', help='of the sizes (default: all)')
+    command.add_argument('--sizes', type=int, default=5, help='sizes, from weakest to strongest')
+    command.add_argument('--step', type=int, nargs='+', help='subset of the sizes (default: all)')
     command.add_argument('--seeds', type=int, default=4)
     command.add_argument('--first', type=int, default=1, help='first seed')
     command.add_argument('--output', type=Path, metavar='FILE.jsonl', help='resumable')

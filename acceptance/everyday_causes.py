@@ -1,4 +1,4 @@
-"""What fusion and calibration make of everyday causes: one cause a row, and nothing wrong.
+"""Behavior of fusion and calibration under everyday disturbances, one per row, and without any.
 
     python acceptance/everyday_causes.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                          [--keep FOLDER] [--workers N]

@@ -1,4 +1,4 @@
-"""How many recordings `pneunet explore` needs until it has the right name, in blind trials.
+"""Number of recordings that `pneunet explore` needs to find the right name, in blind trials.
 
     python acceptance/explore_trials.py FILE.jsonl [--trials 60] [--first SEED] [--fixed]
 

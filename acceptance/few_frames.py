@@ -1,4 +1,4 @@
-"""Calibration from 3 to 9 frames of clamp and tip: whether it settles, and what it is worth.
+"""Convergence and accuracy of calibration from 3 to 9 frames of clamp and tip.
 
     python acceptance/few_frames.py [--json] [--data TABLE.csv] [--noise PERCENT] [--actuators N]
 
@@ -152,9 +152,9 @@ def main() -> None:
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--data', type=Path, default=DATA, help=f'the table (default: {DATA})')
     command.add_argument(
-        '--noise', type=float, default=NOISE, help='of a tip, %% of the length (%(default)s)'
+        '--noise', type=float, default=NOISE, help='noise of a tip, %% of the length (%(default)s)'
     )
-    command.add_argument('--actuators', type=int, help='only so many (default: all)')
+    command.add_argument('--actuators', type=int, help='number of actuators (default: all)')
     arguments = command.parse_args()
     try:
         actuators = read_actuators(arguments.data)[: arguments.actuators]

@@ -1,4 +1,4 @@
-"""The delay between film and table: rendered films, tracked, against the delay that was hidden.
+"""Accuracy of the estimated delay between film and table, on rendered and tracked films.
 
     python acceptance/film_delay.py [--films 20] [--seed 1] [--json]
 

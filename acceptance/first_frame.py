@@ -1,4 +1,4 @@
-"""How long the first frame of a film takes, and the search for a row that was lost.
+"""Time of the first frame of a film, and of the search for a lost row.
 
     python acceptance/first_frame.py [--photograph NAME ...] [--frames N]
 
@@ -74,7 +74,7 @@ def main(words: Sequence[str] | None = None) -> int:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     photographs = pictures.PHOTOGRAPHS
     command.add_argument('--photograph', nargs='+', choices=photographs, default=photographs)
-    command.add_argument('--frames', type=int, default=30, help='of a film (default: 30)')
+    command.add_argument('--frames', type=int, default=30, help='frames of a film (default: 30)')
     asked = command.parse_args(words)
     pictures.WIDTH = films.WIDTH = 1920
     pictures.HEIGHT = films.HEIGHT = 1080

@@ -1,4 +1,4 @@
-"""How well force and tip are known from pressure and targets, with and without a force sensor.
+"""Accuracy of force and tip from pressure and targets, with and without a force sensor.
 
     python acceptance/fusion.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                 [--keep FOLDER] [--long WAY] [--true-arm] [--workers N]
@@ -542,7 +542,9 @@ def main() -> int:
     """Run and print."""
     command = rig_command(__doc__.splitlines()[0], recordings=20)
     either = command.add_mutually_exclusive_group()
-    either.add_argument('--true-arm', action='store_true', help='the arm is known exactly')
+    either.add_argument(
+        '--true-arm', action='store_true', help='use the true arm instead of a calibrated model'
+    )
     either.add_argument('--long', choices=list(WAYS), help='half an hour in one way, by parts')
     arguments = command.parse_args()
     if arguments.long:

@@ -1,4 +1,4 @@
-"""How honest the fusion is at other rates, with late frames, coarse sensors and a late start.
+"""Coverage of the fusion at other rates, with late frames, coarse sensors and a late start.
 
     python acceptance/fusion_rates.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                       [--keep FOLDER] [--workers N]

@@ -1,4 +1,4 @@
-"""Three fingers grasp a cylinder in MuJoCo: what the gripper's own answer is worth.
+"""Accuracy of the gripper's estimate of a grasp of three fingers on a cylinder in MuJoCo.
 
     python acceptance/grasp.py [--grasps N] [--json]
 
@@ -228,7 +228,7 @@ def p95(errors):
 def main() -> int:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('--grasps', type=int, default=8, help='how many (default: 8)')
+    command.add_argument('--grasps', type=int, default=8, help='number of grasps (default: 8)')
     command.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = command.parse_args()
     found = [judged(*grasp(seed)) for seed in range(1, arguments.grasps + 1)]

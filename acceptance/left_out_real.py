@@ -1,4 +1,4 @@
-"""Calibration of real actuators from the tip alone: each pressure left out, beside two baselines.
+"""Cross-validation over pressures of real actuators, calibrated from the tip alone.
 
     python acceptance/left_out_real.py [--json] [--data TABLE.csv] [--noise PERCENT]
 
@@ -97,8 +97,10 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--data', type=Path, default=DATA, help=f'the table (default: {DATA})')
-    command.add_argument('--noise', type=float, default=NOISE, help='of a tip, %% of the length')
-    command.add_argument('--diagnose', action='store_true', help='diagnose, too (minutes)')
+    command.add_argument(
+        '--noise', type=float, default=NOISE, help='noise of a tip, %% of the length'
+    )
+    command.add_argument('--diagnose', action='store_true', help='also run a diagnosis (minutes)')
     arguments = command.parse_args()
     try:
         actuators = read_actuators(arguments.data)

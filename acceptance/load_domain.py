@@ -1,4 +1,4 @@
-"""What the estimator says of loads and pressures outside the domain of its model.
+"""Behavior of the estimator under loads and pressures outside the domain of its model.
 
     python acceptance/load_domain.py [--json] [--samples N] [--rigs NAME ...]
 
@@ -246,7 +246,9 @@ def summary(found: list[Answer]) -> dict[str, float]:
 def main() -> None:
     """Print a table of the rigs."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--samples', type=int, default=1000, help='of all rigs (default: 1000)')
+    parser.add_argument(
+        '--samples', type=int, default=1000, help='samples of all rigs (default: 1000)'
+    )
     parser.add_argument('--rigs', nargs='+', choices=RIGS, default=list(RIGS), metavar='NAME')
     parser.add_argument('--json', action='store_true')
     arguments = parser.parse_args()

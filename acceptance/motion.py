@@ -1,4 +1,4 @@
-"""What an arm that has mass, hangs and turns costs: on MuJoCo's arm, which nobody here wrote.
+"""Accuracy for swinging, hanging and turning arms, on an independent MuJoCo arm.
 
     python acceptance/motion.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                 [--keep FOLDER] [--workers N] [--part used|calibrated|gravity]

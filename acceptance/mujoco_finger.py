@@ -1,4 +1,4 @@
-"""Whether the MJCF of `pneunet mjcf` stands where `solve` does, and rings as a rod does.
+"""Comparison of the MJCF of `pneunet mjcf` with `solve` at rest, and with the modes of a rod.
 
     python acceptance/mujoco_finger.py [--model FILE] [--json]
 

@@ -1,4 +1,4 @@
-"""How often `pneunet survey` calls an arm odd: fleets of alike arms, and fleets with one moved.
+"""False alarms and detection rate of outliers by `pneunet survey`, in simulated fleets.
 
     python acceptance/odd_arms.py [--fleets N] [--arms N ...] [--json]
 

@@ -1,4 +1,4 @@
-"""Both engines of a diagnosis on the same sealed trials: today's, and one marginal likelihood.
+"""Comparison of two diagnosis engines on the same blind trials.
 
     python acceptance/one_evidence.py FILE.jsonl [--rounds 10] [--first SEED] [--block NAME ...]
                                       [--show]
@@ -210,7 +210,7 @@ def main() -> None:
     command.add_argument('--rounds', type=int, default=10)
     command.add_argument('--first', type=int, default=0)
     command.add_argument('--block', nargs='+', choices=ROUND, default=ROUND)
-    command.add_argument('--show', action='store_true', help='print the file alone')
+    command.add_argument('--show', action='store_true', help='only print the file')
     arguments = command.parse_args()
     add_causes()
     known = arguments.file.read_text().splitlines() if arguments.file.exists() else []

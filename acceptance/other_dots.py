@@ -1,4 +1,4 @@
-"""How honest model and fusion are of arms with other dots: few of them, or none at the clamp.
+"""Coverage of model and fusion for arms with few dots, or none at the clamp.
 
     python acceptance/other_dots.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                     [--keep FOLDER] [--workers N]

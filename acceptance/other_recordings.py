@@ -1,4 +1,4 @@
-"""How calibration does on recordings unlike those of the virtual lab: other sensors and cameras.
+"""Calibration on recordings with sensors and cameras unlike the virtual lab's defaults.
 
     python acceptance/other_recordings.py [--json] [--seeds N] [--first N] [--workers N]
 

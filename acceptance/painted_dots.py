@@ -1,4 +1,4 @@
-"""Dots painted by hand before photographs: whether their row is found, and never backwards.
+"""Detection of hand-painted dots in front of photographs, and of reversed rows.
 
     python acceptance/painted_dots.py [--clutter] [--film N ...] [--frames N]
 
@@ -94,9 +94,9 @@ def scored(composer: Composer) -> Score:
 def main(words: Sequence[str] | None = None) -> int:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('--clutter', action='store_true', help='few dots in clutter')
+    command.add_argument('--clutter', action='store_true', help='test few dots in clutter')
     command.add_argument('--film', type=int, nargs='+', help='(default: all)')
-    command.add_argument('--frames', type=int, default=20, help='of a film (default: 20)')
+    command.add_argument('--frames', type=int, default=20, help='frames of a film (default: 20)')
     asked = command.parse_args(words)
     compose, films = (cluttered, len(CLUTTERED)) if asked.clutter else (painted, FILMS)
     missed, asked_films = 0, asked.film or range(films)

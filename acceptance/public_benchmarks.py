@@ -1,4 +1,4 @@
-"""Silverbox and Bouc-Wen: what a linear oscillator lacks, named by the evidence code of discovery.
+"""Silverbox and Bouc-Wen: naming of missing terms of a linear oscillator by discovery's evidence.
 
     python acceptance/public_benchmarks.py [--seeds 10] [--first 1] [--json]
 

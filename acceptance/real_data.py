@@ -1,4 +1,4 @@
-"""What elongation under pressure explains in real measurements: 27 pneumatic bending actuators.
+"""Effect of elongation under pressure in measurements of 27 pneumatic bending actuators.
 
     python acceptance/real_data.py [--json] [--data TABLE.csv] [--picture FILE.png] [--overwrite]
 
@@ -125,8 +125,8 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument('--data', type=Path, default=DATA, help=f'the table (default: {DATA})')
-    command.add_argument('--picture', type=Path, help='write a picture, such as FILE.png')
-    command.add_argument('--overwrite', action='store_true', help='replace an older picture')
+    command.add_argument('--picture', type=Path, help='write a figure, such as FILE.png')
+    command.add_argument('--overwrite', action='store_true', help='overwrite an existing figure')
     arguments = command.parse_args()
     try:
         actuators = read_actuators(arguments.data)

@@ -1,4 +1,4 @@
-"""What a diagnosis finds missing in 27 real actuators: curvature alone, and nothing told it.
+"""Diagnosis of 27 real actuators with a model of curvature only.
 
     python acceptance/real_data_diagnosis.py [--json] [--data TABLE.csv] [--noise PERCENT]
 
@@ -208,7 +208,7 @@ def main() -> None:
         '--noise',
         type=float,
         default=NOISE,
-        help='of a tip, %% of the length (default: %(default)s)',
+        help='noise of a tip, %% of the length (default: %(default)s)',
     )
     arguments = command.parse_args()
     try:

@@ -1,4 +1,4 @@
-"""The picture of `acceptance/real_data.py`: tips of a few actuators, errors of all."""
+"""Figure of `acceptance/real_data.py`: tips of a few actuators, errors of all."""
 
 from __future__ import annotations
 

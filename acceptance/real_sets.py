@@ -1,4 +1,4 @@
-"""Public recordings of real soft arms, each with what `calibrate` misses of left-out pressures.
+"""Prediction errors of `calibrate` at left-out pressures, on public data of real soft arms.
 
     python acceptance/real_sets.py FOLDER [--json] [--noise PERCENT]
 
@@ -154,9 +154,11 @@ def actuators_in(folder: Path) -> list[Actuator]:
 def main() -> int:
     """Run and print; exit code 1 where an answer is missing, and 0 where there is no data."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('folder', type=Path, help='where the tables are')
+    command.add_argument('folder', type=Path, help='folder of the tables')
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--noise', type=float, default=NOISE, help='of a tip, %% of the length')
+    command.add_argument(
+        '--noise', type=float, default=NOISE, help='noise of a tip, %% of the length'
+    )
     arguments = command.parse_args()
     try:
         actuators = actuators_in(arguments.folder)

@@ -1,4 +1,4 @@
-"""Rigs of the virtual lab with models of their own, for the benches of the fusion.
+"""Rigs of the virtual lab, each with its calibrated model, for the acceptance tests of the fusion.
 
 A rig is an arm with parameters up to 15 % off; `calibrate` makes its model from six recordings. A
 bench fuses further recordings of it. Rigs that are done can be kept in a folder and are not
@@ -118,16 +118,17 @@ def rig_command(
     command = argparse.ArgumentParser(description=description)
     command.add_argument('--quick', action='store_true', help=quick)
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--rigs', type=int, default=5, help='how many (default: 5)')
+    command.add_argument('--rigs', type=int, default=5, help='number of rigs (default: 5)')
     command.add_argument(
-        '--recordings', type=int, default=recordings, help=f'of each (default: {recordings})'
+        '--recordings',
+        type=int,
+        default=recordings,
+        help=f'recordings of each (default: {recordings})',
     )
     command.add_argument(
         '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
     )
-    command.add_argument(
-        '--keep', type=Path, help='folder of rigs that are done already, by commit'
-    )
+    command.add_argument('--keep', type=Path, help='folder of finished rigs, by commit')
     command.add_argument('--workers', type=int, default=1, help='processes (default: 1)')
     return command
 

@@ -1,4 +1,4 @@
-"""Does another checkout of the package give the same outputs? Record both, then compare.
+"""Compare the outputs of two checkouts of the package: record both, then compare.
 
     python acceptance/same_outputs.py record BEFORE --pneunet OTHER/.venv/bin/pneunet
     python acceptance/same_outputs.py record AFTER --pneunet .venv/bin/pneunet
@@ -243,7 +243,7 @@ def main() -> None:
     compared = what.add_parser('compare')
     compared.add_argument('before', type=Path)
     compared.add_argument('after', type=Path)
-    compared.add_argument('--relative', type=float, default=0.0, help='difference that is allowed')
+    compared.add_argument('--relative', type=float, default=0.0, help='allowed difference')
     given = command.parse_args()
     if given.what == 'record':
         record(given.folder, given.pneunet.absolute())

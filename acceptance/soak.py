@@ -1,4 +1,4 @@
-"""Estimator, tracker and fusion over real DDS for long, with all kinds of faults thrown at them.
+"""Soak test of estimator, tracker and fusion over real DDS, with injected faults of all kinds.
 
     python acceptance/soak.py [--minutes N | --readings N] [--json]
 
@@ -948,8 +948,8 @@ def show_table(found: dict[str, Any]) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--minutes', type=float, help='run so long')
-    parser.add_argument('--readings', type=int, help='or until so many pressures were sent')
+    parser.add_argument('--minutes', type=float, help='duration')
+    parser.add_argument('--readings', type=int, help='or number of pressures to send')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--recorder', type=Path, help=argparse.SUPPRESS)
     parser.add_argument('--sensors', type=int, help=argparse.SUPPRESS)

@@ -1,4 +1,4 @@
-"""What a diagnosis names from few static frames of clamp and tip: with and without elongation.
+"""Diagnosis from few static frames of clamp and tip, with and without elongation.
 
     python acceptance/static_frames.py [--json] [--sets 100] [--seed 0]
 
@@ -229,8 +229,8 @@ def main() -> None:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--sets', type=int, default=100, help='how many (default: 100)')
-    command.add_argument('--seed', type=int, default=0, help='of all that is drawn (default: 0)')
+    command.add_argument('--sets', type=int, default=100, help='number of sets (default: 100)')
+    command.add_argument('--seed', type=int, default=0, help='random seed (default: 0)')
     arguments = command.parse_args()
     numbers = track(
         range(arguments.sets), 'diagnosing', console=Console(stderr=True), transient=True

@@ -1,4 +1,4 @@
-"""What a string over a pulley costs if it is called a constant force, and what `String` gives.
+"""Error from treating a string over a pulley as a constant force, and improvement by `String`.
 
     python acceptance/strings.py [--json]
 

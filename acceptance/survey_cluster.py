@@ -1,4 +1,4 @@
-"""A survey on a Dask cluster of two workers, one of them killed on the way.
+"""Survey on a Dask cluster of two workers, one of which is killed during the run.
 
     python acceptance/survey_cluster.py FLEET --output DIR [OPTION OF pneunet survey ...]
 

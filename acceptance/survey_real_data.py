@@ -64,13 +64,13 @@ def write(actuator: Actuator, rows: np.ndarray, path: Path) -> None:
 def main() -> None:
     """Write, and say what to do with it."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('folder', type=Path, help='where; it must not exist')
+    command.add_argument('folder', type=Path, help='output folder, which must not exist')
     command.add_argument('--data', type=Path, default=DATA, help=f'the table (default: {DATA})')
     command.add_argument(
         '--noise',
         type=float,
         default=NOISE,
-        help='of a tip, %% of the length (default: %(default)s)',
+        help='noise of a tip, %% of the length (default: %(default)s)',
     )
     arguments = command.parse_args()
     if arguments.folder.exists():

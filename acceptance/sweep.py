@@ -1,4 +1,4 @@
-"""Halve and double every number that decides, and say which figure moves: a source, or idle.
+"""Halve and double every tuning constant, and list the figures that change.
 
     python acceptance/sweep.py ROOM... [--output FILE.csv] [--only Class.field ...]
         [--figures NAME ...] [--within SECONDS]
@@ -1046,8 +1046,12 @@ def main(words: list[str] | None = None) -> int:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('room', nargs='+', choices=ROOMS)
     command.add_argument('--only', nargs='+', default=(), help='Class.field')
-    command.add_argument('--figures', nargs='+', default=(), help='sets to ask; default: all')
-    command.add_argument('--within', type=float, default=math.inf, help='s, of sets for a number')
+    command.add_argument(
+        '--figures', nargs='+', default=(), help='figure sets to compute (default: all)'
+    )
+    command.add_argument(
+        '--within', type=float, default=math.inf, help='time limit (s) of the sets for a constant'
+    )
     command.add_argument('--output', type=Path, default=CHECKOUT / 'acceptance' / 'sweep.csv')
     asked = command.parse_args(words)
     kept: dict[tuple[str, str], list[str]] = {}

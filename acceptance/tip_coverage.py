@@ -1,4 +1,4 @@
-"""How often the tip is within its 95 % ellipse, under loads that a calibration has not seen.
+"""Coverage of the 95 % ellipse of the tip, under loads unseen by the calibration.
 
     python acceptance/tip_coverage.py [--json] [--rigs N] [--first N] [--workers N]
 
@@ -219,7 +219,7 @@ def main() -> int:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--rigs', type=int, default=12, help='how many (default: 12)')
+    command.add_argument('--rigs', type=int, default=12, help='number of arms (default: 12)')
     command.add_argument(
         '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
     )

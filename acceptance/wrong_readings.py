@@ -1,4 +1,4 @@
-"""60 recordings whose readings mean something else than their messages say, and right ones.
+"""Detection of wrongly declared readings in 60 recordings, and false alarms in correct ones.
 
 The recordings are the shipped ones and some of the virtual lab, changed message by message with
 numbers that are written here: nothing is shared with the judge, which is asked through `check`
@@ -242,6 +242,6 @@ def run(folder: Path) -> dict[str, int]:
 
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('folder', nargs='?', type=Path, help='keep the recordings there')
+    parser.add_argument('folder', nargs='?', type=Path, help='keep the recordings in this folder')
     with tempfile.TemporaryDirectory() as made:
         run(parser.parse_args().folder or Path(made))

@@ -1,4 +1,4 @@
-"""How exact measured curvature is, against the usual ways to get it, on the same noisy targets.
+"""Accuracy of measured curvature, compared with common methods on the same noisy targets.
 
     python bench/centerline.py [--json] [--repeats N]
 
@@ -236,7 +236,10 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
     command.add_argument(
-        '--repeats', type=int, default=20, help='noisy frames of every shape (default: 20)'
+        '--repeats',
+        type=int,
+        default=20,
+        help='number of noisy frames of each shape (default: 20)',
     )
     arguments = command.parse_args()
     result = curvature_errors(load_model(share_path('config/paper_arm.yaml')), arguments.repeats)

@@ -149,7 +149,7 @@ def measure(what: list[str], path: Path, seconds: float) -> dict[str, float]:
 
 def main() -> int:
     parser = bench_options(__doc__.splitlines()[0], bare_node)
-    parser.add_argument('--seconds', type=float, default=20.0, help='how long (default: 20)')
+    parser.add_argument('--seconds', type=float, default=20.0, help='duration (default: 20)')
     options = parser.parse_args()
     with own_domain() as folder:
         path = folder / 'played.mcap'

@@ -1,4 +1,4 @@
-"""How much CPU a step of the fusion takes in a loop, without ROS: frames and pressure readings.
+"""CPU time of a fusion step in a loop, without ROS: frames and pressure readings.
 
     python bench/fusion_step.py [--json] [--repeats N]
 

@@ -1,4 +1,4 @@
-"""Four fingers in one process: what share of readings is answered, how late, at what cost.
+"""Four fingers in one process: share of answered readings, latency and CPU load.
 
 Recordings of the virtual lab, one of its own for each finger, are played over DDS: pressures and
 end wrenches at 100 Hz, frames of targets at 30 Hz. Each finger has an estimator and a fusion in
@@ -249,8 +249,8 @@ def main() -> int:
     import rclpy
 
     parser = bench_options(__doc__.splitlines()[0], bare_node)
-    parser.add_argument('--seconds', type=float, default=20.0, help='how long (default: 20)')
-    parser.add_argument('--fingers', type=int, default=4, help='how many (default: 4)')
+    parser.add_argument('--seconds', type=float, default=20.0, help='duration (default: 20)')
+    parser.add_argument('--fingers', type=int, default=4, help='number of fingers (default: 4)')
     parser.add_argument('--pace', type=float, default=1.0, help='less than 1: slower (default: 1)')
     parser.add_argument('--ways', nargs='+', default=['spread', 'together'], help='in which')
     options = parser.parse_args()

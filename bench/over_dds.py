@@ -1,4 +1,4 @@
-"""What the benches of nodes share: a ROS domain of their own, a node as a process, a bare node.
+"""Common parts of the node benchmarks: separate ROS domain, node process, bare node.
 
 A bare node answers a message with a constant one: what it takes is DDS, Python and the machine.
 The bench itself is one, started by `--bare-node`.

@@ -1,4 +1,4 @@
-"""How many readings per second of CPU go from file to file: `pneunet replay` on a recording.
+"""Throughput of `pneunet replay` from file to file, in readings per second of CPU.
 
     python bench/replay.py [--json] [--repeats N] [--recording REC] [--model MODEL]
 

@@ -1,4 +1,4 @@
-"""How fast and how exact the rod solver is, against scipy's solve_bvp in one interleaved run.
+"""Speed and accuracy of the rod solver, compared with scipy's solve_bvp in one interleaved run.
 
     python bench/solver.py [--json] [--repeats N]
 

@@ -1,4 +1,4 @@
-"""How exact, how sure and how fast the tracker is, on rendered images with known truth.
+"""Accuracy, error calibration and speed of the tracker, on rendered images with known truth.
 
     python bench/tracker.py [--json] [--frames N] [--rounds N] [--endless N]
 

@@ -1,4 +1,4 @@
-"""The node `tracker` behind a camera over DDS: whether it keeps up, and how long targets take.
+"""The node `tracker` behind a camera over DDS: frame rate and latency of targets.
 
     python bench/tracker_live.py [--json] [--seconds N] [--rate N] [--size W H] [--transport NAME]
 
@@ -252,7 +252,9 @@ def verdict(camera: Camera) -> dict[str, float]:
 
 def main() -> int:
     parser = bench_options(__doc__.splitlines()[0], bare_node)
-    parser.add_argument('--seconds', type=float, default=20.0, help='how long each (default: 20)')
+    parser.add_argument(
+        '--seconds', type=float, default=20.0, help='duration of each run (default: 20)'
+    )
     parser.add_argument('--rate', type=float, default=60.0, help='images per s (default: 60)')
     parser.add_argument(
         '--size', type=int, nargs=2, default=SIZE, help='of images, px (default: 1280 720)'

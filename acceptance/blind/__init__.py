@@ -1,4 +1,4 @@
-"""Blind trials: recordings with a hidden effect, made, diagnosed and scored apart."""
+"""Blind trials: recordings with a hidden effect, simulated, diagnosed and scored separately."""
 
 from pathlib import Path
 import sys

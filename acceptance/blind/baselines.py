@@ -1,4 +1,4 @@
-"""Other methods on the same sealed recordings, as text books have them.
+"""Baselines: textbook methods on the same blind recordings.
 
 All start from the calibrated model of the diagnosis, base frozen, noise taken as white:
 

@@ -1,4 +1,4 @@
-"""What is done to the arm in the trials: designs of six recordings to learn from and two held out.
+"""Experiment designs of the trials: six training recordings and two held-out ones.
 
 Protocols are the same in all trials of a design, so that what was simulated for a design serves
 them all; arms, effects and noise differ. Recordings follow each other after a pause; the arm is

@@ -1,4 +1,4 @@
-"""What is hidden in a trial: which effect, how large, drawn at random.
+"""The hidden effect of a trial, with random kind and size.
 
 Sizes go geometrically from hardly visible to strong. All numbers are invented: the weakest lie
 from a little below to about three times what makes a calibrated fit worse by 25 in chi^2 on the

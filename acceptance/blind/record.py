@@ -1,4 +1,4 @@
-"""The files of a bench: a line per trial, answers in one, the sealed truth in another.
+"""Files of the blind trials: one line per trial, answers and sealed truth in separate files.
 
 Both are appended to as trials end, so that a bench that was stopped goes on where it was.
 """

@@ -1,4 +1,4 @@
-"""How well the truth itself says the held-out recordings, from the same noisy readings."""
+"""Reference: the held-out recordings, predicted by the true arm from the same noisy readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How points answer to small effects around a calibrated arm, by differences of whole solves.
+"""Response of points to small effects around a calibrated arm, by finite differences of solves.
 
 What the methods that are compared with the diagnosis work with: residuals of the calibrated model
 on all recordings, and beside them a column for every effect.

@@ -1,4 +1,4 @@
-"""One blind trial: made, diagnosed without its label, and written down beside it."""
+"""One blind trial: simulated, diagnosed without its label, and recorded with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often diagnoses were right: rates with Wilson intervals, and who was taken for whom.
+"""Success rates of diagnoses with Wilson intervals, and a confusion matrix.
 
 Everything here works on rows of numbers and names: `truth` of a sealed trial, `answer` to it.
 """

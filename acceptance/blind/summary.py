@@ -1,4 +1,4 @@
-"""What a bench of blind trials came to, block by block."""
+"""Summary of the blind trials, block by block."""
 
 from __future__ import annotations
 

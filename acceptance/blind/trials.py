@@ -1,4 +1,4 @@
-"""From a block and a seed to a trial: recordings to diagnose, and apart from them the truth.
+"""Generation of a trial from a block and a seed: recordings to diagnose, and the separate truth.
 
 The diagnosing function is given a `Trial`, which names nothing that is hidden in it.
 """

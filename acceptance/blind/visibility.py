@@ -1,4 +1,4 @@
-"""How much a hidden effect shows, beside others or apart from them; no diagnosis is told."""
+"""Visibility of a hidden effect, alone or with others; never used by a diagnosis."""
 
 from __future__ import annotations
 

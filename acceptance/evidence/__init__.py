@@ -1,1 +1,1 @@
-"""One marginal likelihood for effects of the library and kinds of discovery: a trial."""
+"""Trial of a single marginal likelihood for library effects and kinds of discovery."""

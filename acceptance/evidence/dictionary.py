@@ -1,4 +1,4 @@
-"""All columns around one fit: starts of every effect, terms of every kind of discovery.
+"""Dictionary of columns around a fit: starts of every effect, terms of every kind of discovery.
 
 The laws of the effects that are in the fit are open (`diagnosis.law_errors`): what they may miss
 is their slack, integrated out before any other column is asked.

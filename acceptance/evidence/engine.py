@@ -1,4 +1,4 @@
-"""A diagnosis by one evidence: explain, relinearize with the strongest in the rod, explain again.
+"""Diagnosis by a single evidence: explain, relinearize with the strongest effect, and repeat.
 
 Beside today's `diagnose()` it has no shortlist, no finalists, no backward elimination and no name
 that is taken back: effects and kinds of discovery compete as columns of one marginal likelihood.

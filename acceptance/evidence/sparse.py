@@ -1,4 +1,4 @@
-"""Which columns of a dictionary carry evidence: variances that maximize one marginal likelihood.
+"""Sparse Bayesian learning: column variances that maximize a single marginal likelihood.
 
 Everything is known from score z (n,) and information G (n, n) of the columns, in which the base,
 placement, camera and readings are integrated out. A column that is not in the model has variance

@@ -1,1 +1,1 @@
-"""What `acceptance/attack.py` is made of: inputs, mutations, cases, and how one is run."""
+"""Parts of `acceptance/attack.py`: inputs, mutations, cases, and running a case."""

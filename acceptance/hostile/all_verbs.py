@@ -1,4 +1,4 @@
-"""Cases over all verbs: readings that are whole messages and no measurement, arrays, links, words.
+"""Cases over all verbs: implausible readings in valid messages, arrays, links, words.
 
 What `cases.py` damages is mostly refused where bytes are read. Here every file can be read, and
 what is odd reaches the mathematics, the tables and the figures.

@@ -1,4 +1,4 @@
-"""The kinds of cases: which input is mutated how, and which verb is run on it."""
+"""The kinds of cases: the input, its mutation, and the verb that reads it."""
 
 from __future__ import annotations
 

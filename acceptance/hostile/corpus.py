@@ -1,4 +1,4 @@
-"""Whole inputs of every kind, small, from which hostile ones are made."""
+"""Small valid inputs of every kind, as the basis of hostile inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways to damage bytes, texts and files, each drawn by a seeded generator."""
+"""Mutations of bytes, texts and files, drawn by a seeded generator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A case, the folder in which it is made, and what kinds of cases are made of."""
+"""A case, its folder, and the components of its kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One case in a forked process with limits, and what of its outcome must not be."""
+"""Run one case in a forked process with limits, and check its outcome."""
 
 from __future__ import annotations
 

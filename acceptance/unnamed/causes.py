@@ -1,4 +1,4 @@
-"""What is hidden in a trial of discovery: causes for which the library has no effect.
+"""Hidden causes of the discovery trials, for which the library has no effect.
 
 Their laws are not, word for word, those of the dictionary of discovery: they saturate, bend, swell
 or wait where it has powers, means and plays. FIRST were there while discovery was written; LATER
