@@ -9,7 +9,7 @@ from pneunet_ros.nodes.launch_description import (
     node,
     number,
 )
-from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper
+from pneunet_ros.nodes.virtual_gripper.configuration import simulated_gripper
 
 ARGUMENTS = {
     'namespace': ('/pneunet', 'namespace of the node; each arm has its own inside it'),
@@ -39,7 +39,9 @@ def nodes(given):
     file = given['params_file'] or str(share_path('config/gripper.yaml'))
     given = {**given, 'params_file': file}
     model = argument('model_file', 'gripper', given, str(share_path('config/lab_arm.yaml')))
-    played_gripper([file], full_name('gripper', given))  # refused here, not by the first process
+    simulated_gripper(
+        [file], full_name('gripper', given)
+    )  # refused here, not by the first process
     return [
         node('virtual_gripper', given, object_width=number('object_width', given)),
         node('gripper', given, model_file=model),

@@ -12,7 +12,7 @@ import tempfile
 import zlib
 
 import hypothesis
-from pneunet_ros.core.kernels.cache import kernels_kept
+from pneunet_ros.core.kernels.cache import kernels_are_cached
 from pneunet_ros.core.threads import THREADS as NAMES_OF_THREADS
 from pneunet_ros.core.threads import use_one_thread
 import pytest
@@ -90,7 +90,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
     Tests would go on without them until then, and find that process at the end.
     """
-    if not kernels_kept() and not hasattr(session.config, 'workerinput'):
+    if not kernels_are_cached() and not hasattr(session.config, 'workerinput'):
         subprocess.run([sys.executable, '-m', 'pneunet_ros.cli', 'compile'], check=True)
 
 

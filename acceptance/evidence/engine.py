@@ -20,7 +20,7 @@ from pneunet_ros.diagnosis.diagnosis import (
     is_settled,
     limits_of,
     linearize,
-    unsettled,
+    unsettled_diagnosis,
 )
 from pneunet_ros.diagnosis.fit.base_fit import fit_base
 from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
@@ -252,7 +252,7 @@ def investigate(
     )
     first = selection.fit_base()
     if not is_settled(first.refit):
-        return UnsettledInvestigation(diagnosis=unsettled(seed, notes, settings)), ()
+        return UnsettledInvestigation(diagnosis=unsettled_diagnosis(seed, notes, settings)), ()
     engine = Engine(selection, first)
     best, rivals, around = engine.search()
     detectable = limits_of(selection, first, asked)

@@ -14,10 +14,10 @@ from pneunet_ros.calibration import elongation
 from pneunet_ros.calibration.camera_clock import (
     camera_clocks,
     CameraClock,
+    clock_improves_fit,
     combined_clock,
-    confirms,
+    correct_stamps,
     MOST_ROUNDS,
-    retimed,
 )
 from pneunet_ros.calibration.checks.consistency import (
     describe_misfit,
@@ -53,7 +53,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import GAUGE_PASCALS
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.progress import ignore_progress, OnProgress
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
@@ -95,7 +95,7 @@ def calibrate(
     kind: str | None = None,
     compare: bool = True,
     earlier: PosteriorState | None = None,
-    on_progress: OnProgress = say_nothing,
+    on_progress: OnProgress = ignore_progress,
     declared: PressureConvention | None = GAUGE_PASCALS,
 ) -> Calibration:
     """Calibrate an arm: kappa_p0(p, s), the moment law, and their uncertainty.
@@ -137,7 +137,7 @@ def calibrate(
         )
         # The rest of a swing, an unconverged fit or a model error may look like a drifting clock:
         # only a better fit with the new stamps confirms it.
-        if settled is not None and not confirms(found.joint, settled[0].joint):
+        if settled is not None and not clock_improves_fit(found.joint, settled[0].joint):
             found, clocks = settled
             break
         settled = found, dict(clocks)
@@ -150,7 +150,7 @@ def calibrate(
             name: combined_clock(clocks.get(name), one) for name, one in corrections.items()
         }
         unloaded, loaded = (
-            [retimed(run, corrections.get(run.name)) for run in part]
+            [correct_stamps(run, corrections.get(run.name)) for run in part]
             for part in (unloaded, loaded)
         )
     clock_notes = tuple(clock.sentence for clock in clocks.values())

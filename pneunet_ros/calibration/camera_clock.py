@@ -121,7 +121,7 @@ def camera_clocks(fit: Fit, noise: SensorNoise) -> dict[str, CameraClock]:
     return {one.name: one for one in clocks if one.evidence > max(0.5 * strongest, 0.0)}
 
 
-def confirms(retimed_fit: Fit, before: Fit) -> bool:
+def clock_improves_fit(retimed_fit: Fit, before: Fit) -> bool:
     """Whether correcting the stamps improves the fit as much as a wrong clock predicts.
 
     With a model error, `camera_clocks` may report clocks that do not improve the fit. The
@@ -165,7 +165,7 @@ def seconds_after(run: RecordingData, middle_ns: int) -> Array:
     return np.asarray((run.stamp_ns - middle_ns) / NANOSECONDS_PER_SECOND)
 
 
-def retimed(run: RecordingData, clock: CameraClock | None) -> RecordingData:
+def correct_stamps(run: RecordingData, clock: CameraClock | None) -> RecordingData:
     """Return a recording with frame stamps converted to the clock of the readings."""
     if clock is None:
         return run

@@ -38,7 +38,7 @@ def slopes(pressure: Array) -> Array:
     return np.column_stack([pressure, pressure**2])
 
 
-def lengthened(arm: Arm, values: Array) -> Arm:
+def with_elongation(arm: Arm, values: Array) -> Arm:
     """Return the arm with this elongation (SIZE,), SI."""
     numbers = {item.name: float(value) for item, value in zip(PARAMETERS, values, strict=True)}
     return replace(
@@ -48,12 +48,12 @@ def lengthened(arm: Arm, values: Array) -> Arm:
     )
 
 
-def is_given(arm: Arm) -> bool:
+def has_given_elongation(arm: Arm) -> bool:
     """Whether the model file has an elongation, which a calibration does not fit."""
     return any(isinstance(effect, PressureElongation) for effect in arm.effects)
 
 
-def without_fitted(arm: Arm) -> Arm:
+def remove_fitted_elongation(arm: Arm) -> Arm:
     """Remove an elongation fitted by an earlier calibration.
 
     The covariance is removed as well, because it is valid only for the elongating arm.

@@ -109,7 +109,7 @@ class FitSequence:
         # Many targets show an elongation beside whatever looks alike: `diagnose` distinguishes
         # them.
         shown = any(run.seen[:, frame.target_arclength > 0.0].any() for run in runs)
-        if self.shapes is not None and shown and not elongation.is_given(frame):
+        if self.shapes is not None and shown and not elongation.has_given_elongation(frame):
             self.elongates = True
         self.low, self.high = np.quantile(pressures, ends, method='nearest').tolist()
         self.rows = np.linspace(self.low, self.high, EXPERIMENTS.rows)

@@ -228,7 +228,7 @@ def compare_arms(arms: Mapping[str, ArmNumbers], pressure: float, *, seed: int =
     compared = [which for which, item in enumerate(numbers) if counts[item] >= FEWEST_COMPARED]
     if compared:
         some, errors = values[:, compared], covariance[:, compared][:, :, compared]
-        ((middle,), (spread,), (chance,)) = distances(some[None], errors)
+        ((middle,), (spread,), (chance,)) = fleet_distances(some[None], errors)
         smallest = np.sort(simulate_smallest(some, errors, middle, spread, seed))
         below = np.searchsorted(smallest, chance, side='right')
         p_values = np.where(np.isnan(chance), np.nan, (1.0 + below) / (1.0 + smallest.size))
@@ -263,7 +263,7 @@ def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Arr
     return values, covariance + np.diag(floor)
 
 
-def distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
+def fleet_distances(values: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """Return center, scatter and the probability of each arm's deviation, for many fleets at once.
 
     A robust initial estimate selects the arms to use; center and scatter are the most probable
@@ -427,7 +427,7 @@ def simulate_smallest(
     normal = random.standard_normal((DRAWS, *values.shape))
     drawn = center + np.einsum('aij,daj->dai', np.array(roots), normal)
     drawn = np.where(np.isfinite(values), drawn, np.nan)
-    return np.asarray(np.nanmin(distances(drawn, covariance)[2], axis=1))
+    return np.asarray(np.nanmin(fleet_distances(drawn, covariance)[2], axis=1))
 
 
 def with_jitter(covariance: Array) -> Array:

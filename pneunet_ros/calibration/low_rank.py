@@ -47,8 +47,8 @@ def low_rank(
         names, low_factor[-1, 0] = (*names, 'arm.clamp_angle'), base_turn_std
     low = ModelCovariance(
         quantities=names,
-        factor=rounded(low_factor),
-        placement=placement_with(
+        factor=round_numbers(low_factor),
+        placement=placement_posterior(
             fit, factor, directions[:most], painted, (turned, guessed.shape[1])
         ),
         guessed=guessed.shape[1],
@@ -66,7 +66,7 @@ def covariance_root(covariance: Array) -> Array:
     return np.asarray(std[:, None] * axes * np.sqrt(np.maximum(size, ROUNDING)))
 
 
-def placement_with(
+def placement_posterior(
     fit: Fit, factor: Array, directions: Array, painted: int | None, further: tuple[int, int]
 ) -> PlacementKnown:
     """Return the posterior of the placement, and its correlation with columns of the covariance.
@@ -82,14 +82,14 @@ def placement_with(
     factor_of_placement = (directions @ cross).T
     remaining_variance = np.diagonal(shared)[size + kept] - np.sum(factor_of_placement**2, axis=1)
     return PlacementKnown(
-        mean=rounded(fit.placement.ravel()[kept]),
-        std=rounded(np.sqrt(np.maximum(remaining_variance, 0.0))),
-        factor=rounded(np.pad(factor_of_placement, ((0, 0), further))),
-        origin=rounded(fit.origin),
+        mean=round_numbers(fit.placement.ravel()[kept]),
+        std=round_numbers(np.sqrt(np.maximum(remaining_variance, 0.0))),
+        factor=round_numbers(np.pad(factor_of_placement, ((0, 0), further))),
+        origin=round_numbers(fit.origin),
     )
 
 
-def rounded(values: Array) -> Array:
+def round_numbers(values: Array) -> Array:
     """Round values to the digits of a model file."""
     flat = [float(f'{value:.{DIGITS}g}') for value in values.ravel().tolist()]
     return np.reshape(flat, values.shape)

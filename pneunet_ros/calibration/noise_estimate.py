@@ -80,7 +80,7 @@ def estimate_noise(
     because they show no motion in time. A load of exactly zero is not a reading. Target and camera
     positions are never treated as exact, even if `assumed` is zero.
     """
-    assumed = with_places_uncertain(assumed, arclength)
+    assumed = with_uncertain_positions(assumed, arclength)
     headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
         assumed = replace(assumed, heading_std=NOISE_ESTIMATE.heading)
@@ -109,7 +109,7 @@ def estimate_noise(
         placement(runs, arclength, white, assumed.placement_std),
         'distance of targets from a smooth curve while the arm is straightest',
     )
-    registration, drift = camera(runs, arclength, white)
+    registration, drift = camera_stds(runs, arclength, white)
     found['registration_std'] = (
         registration,
         'motion of the target at the clamp, between recordings',
@@ -206,7 +206,7 @@ def with_noise_of_readings(stated: SensorNoise, runs: Sequence[RecordingData]) -
     return replace(stated, **larger)
 
 
-def with_places_uncertain(assumed: SensorNoise, arclength: Array) -> SensorNoise:
+def with_uncertain_positions(assumed: SensorNoise, arclength: Array) -> SensorNoise:
     """Return the noise with uncertain positions of targets and camera.
 
     Many arm files state 0, with which the stiffness would be wrong by many standard errors.
@@ -456,7 +456,7 @@ def placement(
     return found if arclength.size >= NOISE_ESTIMATE.many_targets else max(found, assumed)
 
 
-def camera(
+def camera_stds(
     runs: Sequence[RecordingData], arclength: Array, white: float
 ) -> tuple[float | None, float | None]:
     """Return the scatter of the camera position between runs and its drift within a run (m).

@@ -197,7 +197,7 @@ class Parameters:
         arm = replace(self.frame, intrinsic_curvature=curvature, moment_law=law, covariance=None)
         if not self.elongates:
             return arm
-        return elongation.lengthened(arm, values[self.cells : self.before_law])
+        return elongation.with_elongation(arm, values[self.cells : self.before_law])
 
     @property
     def columns(self) -> Columns:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration import elongation
-from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, FramesInMotion
+from pneunet_ros.calibration.checks.frames_in_motion import check_runs_at_rest, FramesInMotion
 from pneunet_ros.calibration.checks.resolution import Resolution, resolve
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.calibration.settings import EXPERIMENTS
-from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.dataset import RecordingData, thin_runs
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
@@ -50,11 +50,11 @@ def prepare(
     """Check and thin the recordings, and estimate their noise and resolution."""
     painted = frame.target_arclength.size
     frame, runs = with_tip_target(
-        elongation.without_fitted(frame),
+        elongation.remove_fitted_elongation(frame),
         [*unloaded, *loaded],
         always=earlier is not None and earlier.has_tip(painted),
     )
-    unloaded, loaded, motion = checked_at_rest(
+    unloaded, loaded, motion = check_runs_at_rest(
         runs[: len(unloaded)],
         runs[len(unloaded) :],
         frame,
@@ -62,7 +62,7 @@ def prepare(
         declared=declared,
     )
     every = [*(run.without_load() for run in unloaded), *loaded]
-    runs = thinned([*unloaded, *loaded], EXPERIMENTS.most_frames)
+    runs = thin_runs([*unloaded, *loaded], EXPERIMENTS.most_frames)
     count = len(unloaded)
     unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
     noise = estimate_noise(every, frame.target_arclength, frame.sensors)

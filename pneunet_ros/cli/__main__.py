@@ -8,7 +8,7 @@ from __future__ import annotations
 import signal
 import sys
 
-from pneunet_ros.core.interrupt import forget_interrupt
+from pneunet_ros.core.interrupt import clear_interrupt
 from pneunet_ros.core.threads import use_one_thread
 
 INTERRUPTED = 130  # exit code
@@ -23,7 +23,7 @@ def main() -> int:
         return run()
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # later signals have no effect
-        forget_interrupt()
+        clear_interrupt()
         print(f'pneunet: interrupted; {written_sentence()}', file=sys.stderr)
         return INTERRUPTED
 

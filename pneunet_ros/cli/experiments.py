@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_of, string_of
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.paths import resolve_links
 from pneunet_ros.core.progress import reporting_to
 from pneunet_ros.core.units import as_weight
 
@@ -105,7 +105,7 @@ def read_experiments(
             f'{shared.pop()} is given both to --end-load and to --string', reason='exclusive'
         )
     loads = {**loads, **{key: (one.tension, 0.0) for key, one in threads.items()}}
-    named = {resolved(path) for path in arguments.unloaded}
+    named = {resolve_links(path) for path in arguments.unloaded}
     check_given(named, paths, '--unloaded')
     if shared := named & loads.keys():
         raise RequestError(
@@ -123,7 +123,7 @@ def read_experiments(
         )
         left_out.extend(f'{path.name}: {sentence}' for sentence in sentences)
         run = replace(run, static=arguments.static)
-        key = resolved(path)
+        key = resolve_links(path)
         if key in loads:
             size = as_weight(math.hypot(*loads[key]))
             left_out.append(
@@ -147,7 +147,7 @@ def read_experiments(
     flat, notes = in_base_frame(list(itertools.chain(*runs)), frame)
     left_out += notes
     for index, path in enumerate(paths):
-        if thread := threads.get(resolved(path)):
+        if thread := threads.get(resolve_links(path)):
             flat[index], unseen = with_string(flat[index], frame, thread)
             if unseen:
                 left_out.append(f'{path.name}: excluded {unseen} frames that do not show the tip')
@@ -206,7 +206,7 @@ def by_recording(
     """Return the values of an option by recording; RequestError for an unknown recording."""
     values: dict[Path, T] = {}
     for name, *texts in given:
-        key = resolved(name)
+        key = resolve_links(name)
         check_given({key}, paths, option)
         if key in values:
             raise RequestError(f'{option} {name} is given twice', reason='given_twice')
@@ -222,7 +222,7 @@ def force_of(option: str, texts: Sequence[str]) -> tuple[float, float]:
 
 def check_given(keys: set[Path], paths: Sequence[Path], option: str) -> None:
     """Reject an option for a recording that is not among the inputs."""
-    for key in sorted(keys - {resolved(path) for path in paths}):
+    for key in sorted(keys - {resolve_links(path) for path in paths}):
         raise RequestError(
             f'{option} {key.name}: this recording is not among the inputs: add it',
             reason='not_found',

@@ -14,9 +14,9 @@ from textwrap import wrap
 from typing import Any, Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
-from pneunet_ros.core.errors import PneunetError, shortened
+from pneunet_ros.core.errors import PneunetError, shorten
 from pneunet_ros.core.kernels import jit
-from pneunet_ros.core.kernels.cache import answer_first, compile_first, compile_meanwhile
+from pneunet_ros.core.kernels.cache import compile_first, compile_in_background, use_plain_python
 from pneunet_ros.core.printable import printable
 
 
@@ -65,7 +65,7 @@ class CommandParser(ArgumentParser):
 
     def refuse(self, sentence: str, *, example: bool = True) -> NoReturn:
         """Print a usage error, with an example command if helpful, and exit."""
-        line = printable(shortened(sentence))
+        line = printable(shorten(sentence))
         if example:
             line += f'; a complete command: {self._example} (see {self.prog} --help)'
         print(f'{self.prog}: {line}', file=sys.stderr)
@@ -269,9 +269,9 @@ def parser(words: Sequence[str], *, ends: bool = False) -> CommandParser:
         )
         if words and words[0] == verb.name:
             if ends and {'--help', '-h'} & set(words):
-                jit.answer_first()  # --help computes nothing and needs no kernels
+                jit.use_plain_python()  # --help computes nothing and needs no kernels
             elif verb.kernels != 'none':
-                answer_first()
+                use_plain_python()
             module = import_module(verb.module)
             module.options(options)
             options.add_argument(
@@ -354,7 +354,7 @@ def prepare_kernels(given: Namespace) -> None:
     if given.kernels == 'none' or not jit.is_waiting():
         return
     if given.kernels == 'meanwhile':
-        compile_meanwhile()
+        compile_in_background()
         say(given, 'compiling the kernels in the background (once only); using numpy meanwhile')
         return
     say(given, 'compiling the kernels (once only): about 20 s of CPU')
@@ -373,7 +373,7 @@ def say(given: Namespace, sentence: str) -> None:
 
 def report_error(given: Namespace, sentence: str, reason: str) -> int:
     """Print an error as one line on stderr, and with --json as JSON; return the exit code."""
-    line = ' '.join(printable(shortened(sentence)).split())
+    line = ' '.join(printable(shorten(sentence)).split())
     print(f'pneunet {given.verb}: {line}', file=sys.stderr)
     if given.json:
         print_error(line, reason)

@@ -12,7 +12,7 @@ from pneunet_ros.cli.replaying import (
     common_summary,
     counts_text,
     judge,
-    playing,
+    open_replay_output,
     refuse_readings,
     show_replay,
 )
@@ -42,7 +42,10 @@ def run_fusion(arguments: Namespace) -> int:
         return refuse_readings(arguments, verdicts)
     tally = FusionTally()
     start = time.perf_counter()
-    with playing(arguments, recording, topics, 'fusing', tally.count) as (writer, on_progress):
+    with open_replay_output(arguments, recording, topics, 'fusing', tally.count) as (
+        writer,
+        on_progress,
+    ):
         record_fusion(writer, recording, fusion, topics, on_progress)
     state, last = tally.state, tally.last
     sensor = None if last is None else last.force_sensor

@@ -62,7 +62,7 @@ def refuse_readings(arguments: Namespace, verdicts: Verdicts) -> int:
 
 
 @contextmanager
-def playing(
+def open_replay_output(
     arguments: Namespace,
     recording: Recording,
     topics: Collection[str],

@@ -21,7 +21,7 @@ from pneunet_ros.offline.film import (
     check_readings,
     delay_of,
     FilmedRun,
-    join,
+    join_clocks,
     with_end_load,
     with_string,
 )
@@ -86,7 +86,7 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
     )
 
 
-def joined(
+def join_film_and_table(
     readings: FilmReadings, trackings: Sequence[Tracking], arm: Arm, rejected: Sequence[int]
 ) -> tuple[FilmedRun | None, dict[str, Any]]:
     """Return frames and readings on one clock (None if the delay is unknown), and a summary.
@@ -109,7 +109,7 @@ def joined(
             return None, summary_of(readings, found, None, f'{found.trouble}; give --delay S')
         delay = found.delay
         trackings = [one for index, one in enumerate(trackings) if index not in found.repeated]
-    run = join(trackings, readings.table, delay, rejected)
+    run = join_clocks(trackings, readings.table, delay, rejected)
     if readings.string is not None:
         run = with_string(run, readings.string, arm)
     if not run.covered:

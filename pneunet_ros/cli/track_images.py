@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.table_options import unit_objections
-from pneunet_ros.cli.track_film import film_readings, joined
+from pneunet_ros.cli.track_film import film_readings, join_film_and_table
 from pneunet_ros.cli.track_summary import show, summary_of
 from pneunet_ros.core.errors import CameraError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.paths import resolve_links
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.camera_file import load_camera
@@ -123,7 +123,7 @@ def track(arguments: Namespace) -> int:
         sentences = (*sentences, *tally.notes)
         if readings is not None:
             bar.update(task, description='matching film and table')
-            run_, found = joined(readings, trackings, arm, log.rejected)
+            run_, found = join_film_and_table(readings, trackings, arm, log.rejected)
             film.update(found)
             sentences = (*objections, *hints, *sentences, *readings.sentences)
             if run_ is not None:
@@ -224,7 +224,7 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
             reason='missing',
         )
     outputs = [arguments.output, arguments.table, arguments.preview]
-    places = [resolved(path) for path in outputs if path is not None]
+    places = [resolve_links(path) for path in outputs if path is not None]
     if len(set(places)) < len(places):
         raise RequestError(
             '--output, --table and --preview must be different files', reason='given_twice'

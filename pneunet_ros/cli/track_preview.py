@@ -40,9 +40,9 @@ def open_preview(
         preview=preview,
         estimated=recorded_estimates(arguments, stream),
         film=film,
-        arm_options=typed(arguments, 'model', 'effects_path'),
+        arm_options=given_options(arguments, 'model', 'effects_path'),
         image_options=[
-            *typed(arguments, *IMAGE_OPTIONS),
+            *given_options(arguments, *IMAGE_OPTIONS),
             *(f'--topic={pair}' for pair in arguments.topic),
         ],
     )
@@ -55,7 +55,7 @@ def open_preview(
     )
 
 
-def typed(arguments: Namespace, *names: str) -> list[str]:
+def given_options(arguments: Namespace, *names: str) -> list[str]:
     """Return the given ones of these options, as words of a command line."""
     words: list[str] = []
     for name in names:

@@ -26,16 +26,16 @@ class PneunetError(Exception):
 
     def __init__(self, sentence: object = '', *, reason: str = '') -> None:
         """Initialize with a sentence, or with the text and reason of another error."""
-        super().__init__(shortened(str(sentence)))
+        super().__init__(shorten(str(sentence)))
         self.reason = reason or getattr(sentence, 'reason', '')
 
 
-def why_unread(error: Exception) -> str:
+def read_failure(error: Exception) -> str:
     """Return the reason why a file cannot be read."""
     return 'not_found' if isinstance(error, FileNotFoundError) else 'unreadable'
 
 
-def shortened(sentence: str, longest: int = LONGEST_SENTENCE) -> str:
+def shorten(sentence: str, longest: int = LONGEST_SENTENCE) -> str:
     """Return a text of bounded length, shortened in the middle if it is too long."""
     if len(sentence) <= longest:
         return sentence

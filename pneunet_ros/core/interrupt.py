@@ -32,7 +32,7 @@ class Deferrable:
 
 
 @contextmanager
-def interrupted_afterwards() -> Iterator[None]:
+def defer_interrupts() -> Iterator[None]:
     """Defer an interrupt (SIGINT and other `Deferrable` signals) until the block has finished.
 
     Only the main thread is interrupted, so other threads need no deferral.
@@ -56,7 +56,7 @@ def interrupted_afterwards() -> Iterator[None]:
             signal.raise_signal(held[0])
 
 
-def forget_interrupt() -> None:
+def clear_interrupt() -> None:
     """Keep the exit code of the process after a KeyboardInterrupt that was caught.
 
     If an interrupt passes through code that was compiled from text (as by dataclasses, numba and

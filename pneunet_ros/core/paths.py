@@ -7,7 +7,7 @@ from pathlib import Path
 from pneunet_ros.core.errors import PneunetError, RequestError
 
 
-def resolved(path: str | Path, error: type[PneunetError] = RequestError) -> Path:
+def resolve_links(path: str | Path, error: type[PneunetError] = RequestError) -> Path:
     """Return the absolute path with all symbolic links resolved; the file need not exist.
 
     Raises `error` for a loop of links, an invalid file name, or a folder without read permission.
@@ -23,7 +23,7 @@ def resolved(path: str | Path, error: type[PneunetError] = RequestError) -> Path
         raise error(f'{path} cannot be found: {why}', reason='not_found') from reason
 
 
-def beside(path: Path, name: str) -> Path:
+def sibling_path(path: Path, name: str) -> Path:
     """Return the path of this name in the folder of another; RequestError if that has no name."""
     if path.name in ('', '..'):
         raise RequestError(

@@ -10,7 +10,7 @@ from contextvars import ContextVar
 OnProgress = Callable[[str, int, int], None]
 
 
-def say_nothing(stage: str, done: int, total: int) -> None:
+def ignore_progress(stage: str, done: int, total: int) -> None:
     """Ignore a progress report."""
 
 
@@ -19,7 +19,7 @@ def part_of(on_progress: OnProgress, part: int, parts: int) -> OnProgress:
     return lambda stage, done, total: on_progress(f'{part}/{parts} {stage}', done, total)
 
 
-_READING: ContextVar[OnProgress] = ContextVar('reading', default=say_nothing)
+_READING: ContextVar[OnProgress] = ContextVar('reading', default=ignore_progress)
 STEP = 1000  # messages or rows between two reports
 
 

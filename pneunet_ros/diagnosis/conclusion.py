@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pneunet_ros.core.notes import Note
-from pneunet_ros.diagnosis.confirmation import error_rises
+from pneunet_ros.diagnosis.confirmation import error_increase
 from pneunet_ros.diagnosis.decision import closest_notes
 from pneunet_ros.diagnosis.evaluation import adequacy, misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
@@ -55,7 +55,7 @@ def conclude(
         verdict = replace(verdict, trial=replace(verdict.trial, refit=refit))
         after = evaluate(verdict.trial, runs, recordings)
         pair = before.held_out_scores, after.held_out_scores
-        objection = error_rises(*pair)
+        objection = error_increase(*pair)
         if objection:
             notes = (*closest_notes(verdict.trial.record, (objection,)), *verdict.notes)
             verdict, after = Verdict(answer='unknown', trial=first, notes=notes), before
@@ -107,7 +107,7 @@ def conclude(
     )
 
 
-def take_back(investigation: Investigation, objection: str) -> Diagnosis:
+def withdraw_name(investigation: Investigation, objection: str) -> Diagnosis:
     """Return the diagnosis with its name withdrawn: the answer is `unknown`.
 
     objection: the reason, added to the notes.
@@ -192,13 +192,13 @@ def collect_evidence(
             evidence=evidence,
             adequate=adequate,
             p_value=p_value,
-            alike=alike_effects(names, same_class),
+            alike=similar_effects(names, same_class),
         )
         for names, gain, evidence, adequate, p_value in rows
     )
 
 
-def alike_effects(
+def similar_effects(
     names: tuple[str, ...], same_class: Sequence[tuple[str, str]]
 ) -> tuple[str, ...]:
     """Return the effects that cannot be distinguished from these except by size."""

@@ -66,7 +66,7 @@ class Confirmer:
         return (
             *self.refutations(record),
             *self.other_names(record, alternatives),
-            *self.untried(),
+            *self.untested_by_new_recordings(),
         )
 
     def untested(self, record: Record) -> tuple[str, ...]:
@@ -80,7 +80,7 @@ class Confirmer:
         alternative.
         """
         return (
-            *self.what_is_left(record),
+            *self.residual_objection(record),
             *self.held_out_objections(record),
             *record.outside_prior,
         )
@@ -91,7 +91,7 @@ class Confirmer:
         part = slice(count, None) if held_out else slice(count)
         return sum(record.run_chi_squared[part]) / max(sum(record.coordinates[part]), 1)
 
-    def what_is_left(self, record: Record) -> tuple[Note, ...]:
+    def residual_objection(self, record: Record) -> tuple[Note, ...]:
         """Object to a law whose residual exceeds the limit for laws."""
         left = self.chi_squared(record)
         worst = worst_test(record.tests)
@@ -148,7 +148,7 @@ class Confirmer:
             ),
         )
 
-    def untried(self) -> tuple[Note, ...]:
+    def untested_by_new_recordings(self) -> tuple[Note, ...]:
         """Object to a name without an independent recording.
 
         Steady-state frames are independent experiments.
@@ -227,7 +227,7 @@ class Confirmer:
         )
 
 
-def error_rises(before: Sequence[Score], after: Sequence[Score]) -> str:
+def error_increase(before: Sequence[Score], after: Sequence[Score]) -> str:
     """Return a sentence if the error on held-out recordings rises significantly.
 
     With a softer arm, the noise of readings explains more, so that chi squared may fall although

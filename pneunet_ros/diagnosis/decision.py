@@ -65,12 +65,12 @@ def passes_alike(rival: Record, best: Record) -> bool:
     """
     if len(rival.names) > len(best.names):
         return False
-    most, other = comparable([best, rival])
+    most, other = comparable_gains([best, rival])
     least = most.evidence - evidence_margin(most.evidence)
     return other.evidence > least or other.gain > most.gain - 2.0 * LEAST_EVIDENCE
 
 
-def comparable(records: Sequence[Record]) -> list[Added]:
+def comparable_gains(records: Sequence[Record]) -> list[Added]:
     """Return the gain of sets over the set that all of them extend, or over the base."""
     added = [item.added for item in records if item.added is not None]
     if len(added) == len(records) and len({item.names for item in added}) == 1:
@@ -85,7 +85,7 @@ def effect_probabilities(records: Sequence[Record], *, confirmed: bool = True) -
     success rate of names in blind trials; confirmed: whether every requirement for the name was
     tested.
     """
-    logs = np.array([item.evidence for item in comparable(records)])
+    logs = np.array([item.evidence for item in comparable_gains(records)])
     margin = evidence_margin(float(logs.max()))
     weights = np.exp((logs - logs.max()) * LEAST_EVIDENCE / margin)
     wrong = CONFIRMATION.wrong if confirmed else CONFIRMATION.unconfirmed

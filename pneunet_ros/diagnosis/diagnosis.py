@@ -7,13 +7,13 @@ from dataclasses import replace
 from functools import partial
 
 from pneunet_ros.calibration.calibration import describe_thinning
-from pneunet_ros.calibration.elongation import without_fitted
+from pneunet_ros.calibration.elongation import remove_fitted_elongation
 from pneunet_ros.calibration.map_estimation import NEARLY
 from pneunet_ros.calibration.noise_estimate import carries_time
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import EXPERIMENTS, NOISE_ESTIMATE
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.progress import OnProgress, part_of, say_nothing
+from pneunet_ros.core.progress import ignore_progress, OnProgress, part_of
 from pneunet_ros.diagnosis.conclusion import conclude
 from pneunet_ros.diagnosis.decision import decide
 from pneunet_ros.diagnosis.fit.base_fit import fit_base
@@ -24,12 +24,12 @@ from pneunet_ros.diagnosis.inertia import with_frames_in_motion
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.late_arm import with_late_arm
 from pneunet_ros.diagnosis.result import Detectable, Diagnosis, UnsettledDiagnosis
-from pneunet_ros.diagnosis.scores.nonuniform_arm import beside_nonuniform, nonuniform_columns
+from pneunet_ros.diagnosis.scores.nonuniform_arm import nonuniform_columns, reduce_by_nonuniformity
 from pneunet_ros.diagnosis.scores.score_test import detection_limits
 from pneunet_ros.diagnosis.selection import Selection, Trial
 from pneunet_ros.diagnosis.settings import BASE_FIT, DEFAULTS, DiagnosisSettings
-from pneunet_ros.diagnosis.usable_frames import at_rest, with_tips, without_unread
-from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.diagnosis.usable_frames import at_rest, exclude_unknown_readings, with_tips
+from pneunet_ros.measurement.dataset import RecordingData, thin_runs
 from pneunet_ros.model.arm import Arm
 
 PARTS = 5  # of the work: base fit, search, evaluation; of the command also discovery and report
@@ -41,7 +41,7 @@ def diagnose(
     held_out: Sequence[RecordingData],
     *,
     seed: int = 0,
-    on_progress: OnProgress = say_nothing,
+    on_progress: OnProgress = ignore_progress,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis | UnsettledDiagnosis:
     """Diagnose a model with recordings: find missing effects, or detection limits.
@@ -80,11 +80,13 @@ def investigate(
     held_out: Sequence[RecordingData],
     *,
     seed: int = 0,
-    on_progress: OnProgress = say_nothing,
+    on_progress: OnProgress = ignore_progress,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Investigation | UnsettledInvestigation:
     """Diagnose like `diagnose`; return the diagnosis with all its fits."""
-    model = without_fitted(model)  # what a calibration found is a hypothesis as others are
+    model = remove_fitted_elongation(
+        model
+    )  # what a calibration found is a hypothesis as others are
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
     training, held_out, notes, motion = at_rest(
@@ -118,11 +120,11 @@ def investigate_at_rest(
     allowed: float = 0.0,
 ) -> Investigation | UnsettledInvestigation:
     """Diagnose a model with frames of the arm in equilibrium; allowed: as in `Selection`."""
-    (training, held_out), unread = without_unread(model, training, held_out)
+    (training, held_out), unread = exclude_unknown_readings(model, training, held_out)
     notes = (*unread, *notes)
     base = fit_base(model, training, part_of(on_progress, 1, PARTS), settings.declared)
     rested, count = [*training, *held_out], len(training)
-    few = thinned(rested, EXPERIMENTS.most_frames)
+    few = thin_runs(rested, EXPERIMENTS.most_frames)
     training, held_out = few[:count], few[count:]
     notes = (*describe_thinning(few, rested), *notes)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
@@ -137,7 +139,7 @@ def investigate_at_rest(
     )
     first = selection.fit_base()
     if not is_settled(first.refit):
-        return UnsettledInvestigation(diagnosis=unsettled(seed, notes, settings))
+        return UnsettledInvestigation(diagnosis=unsettled_diagnosis(seed, notes, settings))
     best = selection.fit_rivals(first, selection.select_forward(first))
     detectable = limits_of(selection, first, asked)
     verdict = decide(selection, first, best, detectable)
@@ -163,7 +165,9 @@ def limits_of(
 ) -> Mapping[str, Detectable]:
     """Return the detection limits of effects, allowing for nonuniform bending."""
     uneven = nonuniform_columns(first.refit.linearization)
-    candidates = beside_nonuniform(selection.score_candidates(first), first.refit.gaussian, uneven)
+    candidates = reduce_by_nonuniformity(
+        selection.score_candidates(first), first.refit.gaussian, uneven
+    )
     return detection_limits(asked, candidates)
 
 
@@ -177,7 +181,9 @@ def is_settled(fit: Refit) -> bool:
     return fit.gain < nearly or has_ended(fit)
 
 
-def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:
+def unsettled_diagnosis(
+    seed: int, notes: Sequence[str], settings: DiagnosisSettings
+) -> UnsettledDiagnosis:
     """Return a diagnosis stating that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(

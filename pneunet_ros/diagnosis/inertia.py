@@ -117,7 +117,7 @@ def with_inertia(
         return diagnosis
     count = len(training)
     known, others = (
-        swinging(part, flags)
+        swinging_runs(part, flags)
         for part, flags in ((training, moving[:count]), (held_out, moving[count:]))
     )
     if not known:
@@ -148,7 +148,7 @@ def with_inertia(
     if others:
         before = replace(before, held_out=pairs[1][0])
         after = replace(after, held_out=pairs[1][1])
-    return named(replace(diagnosis, before=before, after=after), fit, tested=bool(others))
+    return name_inertia(replace(diagnosis, before=before, after=after), fit, tested=bool(others))
 
 
 def is_known(diagnosis: Diagnosis) -> bool:
@@ -169,12 +169,12 @@ def not_named(diagnosis: Diagnosis, fit: MotionFit, why: str) -> Diagnosis:
     )
 
 
-def swinging(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
+def swinging_runs(runs: Sequence[RecordingData], moving: Sequence[Flags]) -> list[RecordingData]:
     """Return the recordings in which the arm swings; only unloaded ones if there are any."""
-    return unloaded([run for run, flags in zip(runs, moving, strict=True) if flags.any()])
+    return unloaded_runs([run for run, flags in zip(runs, moving, strict=True) if flags.any()])
 
 
-def unloaded(runs: Sequence[RecordingData]) -> list[RecordingData]:
+def unloaded_runs(runs: Sequence[RecordingData]) -> list[RecordingData]:
     """Return the recordings without a load, or all if there are none.
 
     Under a load the noise of the force sensor disturbs the predicted motion.
@@ -195,7 +195,7 @@ def detectable(diagnosis: Diagnosis, smallest: float) -> Mapping[str, Detectable
     return {**diagnosis.detectable, NAME: limit}
 
 
-def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
+def name_inertia(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
     """Return a diagnosis that names inertia in addition to its other effects.
 
     The models before and after are evaluated on recordings that show the motion; tested: whether
@@ -226,6 +226,6 @@ def named(diagnosis: Diagnosis, fit: MotionFit, *, tested: bool) -> Diagnosis:
         certainty=f'{diagnosis.certainty} {fit.sentence}.',
         effects=(*diagnosis.effects, effect),
         detectable=detectable(diagnosis, 2.0 * fit.damping_time_std),
-        after=replace(diagnosis.after, arm=fit.applied_to(diagnosis.after.arm)),
+        after=replace(diagnosis.after, arm=fit.apply_to(diagnosis.after.arm)),
         closed=removed_share(before, after, diagnosis.noise_floor),
     )

@@ -25,10 +25,10 @@ from pneunet_ros.diagnosis.inertia import (
     detectable,
     is_known,
     NAME,
-    named,
+    name_inertia,
     NO_FALL,
     not_named,
-    unloaded,
+    unloaded_runs,
 )
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
@@ -73,7 +73,9 @@ def with_late_arm(
     at_rest, rival = found.diagnosis, found.best
     if is_known(at_rest):
         return found
-    moving = less_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
+    moving = (
+        subtract_motion(found, search, training, held_out) if is_late(at_rest, rival) else None
+    )
     shown = math.inf if moving is None else 2.0 * moving.fit.damping_time_std
     at_rest = replace(at_rest, detectable=detectable(at_rest, shown))
     if moving is None:
@@ -100,7 +102,7 @@ def is_late(diagnosis: Diagnosis, best: Trial) -> bool:
     return not {*best.names, *diagnosis.alternatives}.isdisjoint(LATE)
 
 
-def less_motion(
+def subtract_motion(
     found: Investigation,
     search: Search,
     training: Sequence[RecordingData],
@@ -114,7 +116,7 @@ def less_motion(
     probable. As for any effect, a fraction of the misfit of the model without inertia may remain.
     """
     allowed = MAY_LEAVE * found.base.record.excess
-    swinging, moving, near, trial = unloaded(training), None, None, found.best
+    swinging, moving, near, trial = unloaded_runs(training), None, None, found.best
     try:
         for _ in range(MOST_ROUNDS):
             arm, nearby = found_arm(trial)
@@ -206,7 +208,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
         evidence=at_rest.evidence,
         cosines=at_rest.cosines,
     )
-    return named(whole, moving.fit, tested=tested)
+    return name_inertia(whole, moving.fit, tested=tested)
 
 
 def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Trial:

@@ -103,7 +103,7 @@ def at_rest(
     return kept[0], kept[1], (motion.left_out, *notes), motion
 
 
-def without_unread(
+def exclude_unknown_readings(
     arm: Arm, *groups: Sequence[RecordingData]
 ) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
     """Exclude the frames with unknown pressure or load; return the recordings and a note.
@@ -113,7 +113,7 @@ def without_unread(
     """
     runs = list(itertools.chain(*groups))
     noise = with_noise_of_readings(arm.sensors, runs)
-    every = [read_frames(arm, run, noise) for run in runs]
+    every = [frames_with_known_readings(arm, run, noise) for run in runs]
     left = sum(int((~flags).sum()) for flags in every)
     if not left:
         return [[*group] for group in groups], ()
@@ -133,7 +133,7 @@ def without_unread(
     return kept, (note,)
 
 
-def read_frames(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:
+def frames_with_known_readings(arm: Arm, run: RecordingData, noise: SensorNoise) -> Flags:
     """Return the frames (frames,) with known pressure and load."""
     if run.static or len(run.reading_stamp_ns) < 2:
         return np.ones(len(run.stamp_ns), np.bool_)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.progress import OnProgress, say_nothing
-from pneunet_ros.diagnosis.conclusion import evaluate, take_back
-from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
+from pneunet_ros.core.progress import ignore_progress, OnProgress
+from pneunet_ros.diagnosis.conclusion import evaluate, withdraw_name
+from pneunet_ros.diagnosis.confirmation import Confirmer, error_increase
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import Estimated
@@ -73,7 +73,9 @@ class Finding:
 
 
 def discover(
-    investigation: Investigation | UnsettledInvestigation, *, on_progress: OnProgress = say_nothing
+    investigation: Investigation | UnsettledInvestigation,
+    *,
+    on_progress: OnProgress = ignore_progress,
 ) -> Discovery:
     """Search for a law of the model error that no effect of the library explains.
 
@@ -98,11 +100,11 @@ def discover(
     fits = joint_fits(investigation, base)
     discovery, best = look_for_law(investigation, fits, fits.search.suspects(), on_progress)
     if base is investigation.base:  # what a named effect leaves out wanders anyway
-        discovery = consider_wandering(fits, discovery, best)
+        discovery = consider_aperiodic(fits, discovery, best)
     if best is not None and not discovery.found:
         objection = untestable_law(investigation, base, best)
         if objection:
-            discovery = replace(discovery, overruling=take_back(investigation, objection))
+            discovery = replace(discovery, overruling=withdraw_name(investigation, objection))
     return replace(discovery, notes=(*overruling.notes, *discovery.notes))
 
 
@@ -175,7 +177,7 @@ def overrule(investigation: Investigation, on_progress: OnProgress) -> Discovery
         f'a law of another kind ({kind}) predicts each training recording from the others better, '
         f'by {best.gain:.0f} in log probability where this has {named.evidence:.0f}'
     )
-    return replace(discovery, overruling=take_back(investigation, objection))
+    return replace(discovery, overruling=withdraw_name(investigation, objection))
 
 
 def predicts_better(law: Record, named: Record) -> bool:
@@ -207,7 +209,7 @@ def look_for_law(
         notes = ('no kind of cause that was tried predicts left-out recordings',)
         return replace(unconfirmed, notes=notes), None
     findings = fit_finalists(fits, suspects, on_progress)
-    best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
+    best = simplify_law(max(findings, key=lambda item: (item.explains, item.gain)), fits)
     objections = objections_to(best, fits)
     unconfirmed = replace(unconfirmed, amplitudes=amplitude_series(search, best))
     evaluation = closed = None
@@ -217,7 +219,7 @@ def look_for_law(
         evaluation = evaluate(best.proposal.trial, runs, investigation.recordings)
         closed = removed_share(diagnosis.before.rms, evaluation.rms, diagnosis.noise_floor)
         pair = diagnosis.before.held_out_scores, evaluation.held_out_scores
-        rises = error_rises(*pair)
+        rises = error_increase(*pair)
         objections = (rises,) if rises else ()
     if objections:
         kind = best.suspect.kind.name
@@ -228,7 +230,7 @@ def look_for_law(
     return replace(unconfirmed, found=found, evaluation=evaluation, closed=closed), best
 
 
-def consider_wandering(fits: JointFits, law: Discovery, best: Finding | None) -> Discovery:
+def consider_aperiodic(fits: JointFits, law: Discovery, best: Finding | None) -> Discovery:
     """Return the confirmed aperiodic course in time, if there is one, or else the law.
 
     It replaces an unconfirmed law, and a law in time that explains less, because a law in time
@@ -237,7 +239,7 @@ def consider_wandering(fits: JointFits, law: Discovery, best: Finding | None) ->
     if law.found and best is not None and not best.is_unpredictable:
         return law
     search = fits.search
-    suspects = search.wandering_suspects()
+    suspects = search.aperiodic_suspects()
     if not suspects or (law.found and best is not None and suspects[0].left_out_gain <= best.gain):
         return law
     findings = [finding_of(item, None, fits) for item in suspects]
@@ -274,7 +276,7 @@ def fit_finalists(
     findings = []
     for index, suspect in enumerate(suspects[:FINALISTS]):
         on_progress(f'joint fit of {suspect.kind.name}', index, FINALISTS)
-        law = measured_part(suspect)
+        law = measured_terms(suspect)
         proposal = None if law is None else fits.propose(law)
         finding = finding_of(suspect, proposal, fits)
         if suspect.is_unpredictable and not finding.explains:
@@ -298,7 +300,7 @@ def fit_finalists(
     return extended
 
 
-def measured_part(suspect: Suspect) -> Law | None:
+def measured_terms(suspect: Suspect) -> Law | None:
     """Return the law of a suspect without its terms in time; None if no term remains.
 
     A drift in addition to a predictable law must be small, because the joint fit cannot follow it.
@@ -323,16 +325,16 @@ def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> 
     return Finding(suspect=suspect, proposal=proposal, gain=gain, share=share)
 
 
-def shortened(finding: Finding, fits: JointFits) -> Finding:
+def simplify_law(finding: Finding, fits: JointFits) -> Finding:
     """Drop unnecessary terms of a finding's law; reduce it to a constant if a constant fits."""
     if finding.proposal is None:
         return finding
-    shorter = fits.without_idle_terms(finding.proposal)
+    shorter = fits.remove_unnecessary_terms(finding.proposal)
     if len(shorter.terms) > 1:
         constant = fits.propose_constant(finding.suspect.kind)
         margin = LAW.least_gain * (len(shorter.terms) - 1)
         if constant is not None and constant.evidence > shorter.evidence - margin:
-            shorter = fits.without_idle_terms(constant)
+            shorter = fits.remove_unnecessary_terms(constant)
     return finding_of(finding.suspect, shorter, fits)
 
 

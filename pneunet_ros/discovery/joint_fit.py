@@ -120,7 +120,7 @@ class JointFits:
         least = proposal.evidence + LAW.least_gain
         return None if better is None or better.evidence < least else better
 
-    def without_idle_terms(self, proposal: Proposal) -> Proposal:
+    def remove_unnecessary_terms(self, proposal: Proposal) -> Proposal:
         """Remove terms that are not needed to predict the recordings.
 
         With a wrong position or base, a law appears to have more terms than it has.

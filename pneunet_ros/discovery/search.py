@@ -23,11 +23,11 @@ from pneunet_ros.discovery.proposed_effect import (
 )
 from pneunet_ros.discovery.settings import COVARIATES, GRID, REFINEMENTS
 from pneunet_ros.discovery.time_law import (
+    aperiodic_courses,
     Courses,
+    find_aperiodic,
     find_swing,
-    find_wandering,
     Swing,
-    wandering_courses,
 )
 
 STEP = 1e-3  # of the prior of an amplitude: difference step of unit fields
@@ -179,7 +179,7 @@ class Search:
     def courses(self) -> Courses:
         """Aperiodic courses in time; steady states have none."""
         elapsed = self.covariates.get(ELAPSED)
-        return {} if elapsed is None else wandering_courses(elapsed.values)
+        return {} if elapsed is None else aperiodic_courses(elapsed.values)
 
     def law(self, kind: Kind, position: float | None, runs: Runs) -> Law | None:
         """Return the law of a kind at a place in some of the runs; None if there is none."""
@@ -216,9 +216,9 @@ class Search:
         frames, prior = self.frame_columns(cause), cause.kind.prior
         if periodic:
             return find_swing(frames, self.covariates, prior, runs)
-        return find_wandering(frames, self.courses, prior, runs)
+        return find_aperiodic(frames, self.courses, prior, runs)
 
-    def wandering_suspects(self) -> list[Suspect]:
+    def aperiodic_suspects(self) -> list[Suspect]:
         """Return the kinds with an aperiodic course, best first.
 
         Each is at its best position. If a kind has a law in measured quantities, this law

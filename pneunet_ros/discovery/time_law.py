@@ -103,16 +103,16 @@ def find_swing(
 Courses = Mapping[float, Sequence[Array]]  # per correlation time (s): a root (frames, n) per run
 
 
-def wandering_courses(seconds: Sequence[Array]) -> Courses:
+def aperiodic_courses(seconds: Sequence[Array]) -> Courses:
     """Return courses without a period; seconds (frames,) of every run."""
     periods = possible_periods(seconds)
     if not periods.size:
         return {}
     times = np.geomspace(float(periods[0]), float(periods[-1]), CORRELATION_TIMES).tolist()
-    return {time: wandering_roots(seconds, time) for time in times}
+    return {time: aperiodic_roots(seconds, time) for time in times}
 
 
-def find_wandering(
+def find_aperiodic(
     frames: PerRunColumns, courses: Courses, prior: float, runs: Runs
 ) -> Swing | None:
     """Return an aperiodic amplitude; None if there is no evidence for one.
@@ -148,7 +148,7 @@ def find_wandering(
     )
 
 
-def wandering_roots(seconds: Sequence[Array], time: float) -> list[Array]:
+def aperiodic_roots(seconds: Sequence[Array], time: float) -> list[Array]:
     """Return a root (frames, n) of the covariance exp(-|t - t'| / time) for every run.
 
     All runs have equally many columns: the directions of largest variance.

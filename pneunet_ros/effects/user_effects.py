@@ -20,7 +20,7 @@ from typing import Any, get_args
 import zlib
 
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.paths import resolve_links
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.arm_size import DIMENSIONS
@@ -44,7 +44,7 @@ def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
         ModelError: the folder does not exist, a file cannot be imported or defines no effect, or
             an effect violates the interface or has the name of another. Then nothing is added.
     """
-    folder = resolved(directory)
+    folder = resolve_links(directory)
     if not folder.is_dir():
         raise ModelError(f'effects path {directory} is not a folder', reason='unreadable')
     files = sorted(file for file in folder.glob('*.py') if not file.name.startswith('_'))

@@ -157,7 +157,7 @@ class Estimator:
         off_plane = out_of_plane(self.arm, self.settings, wrench)
         other = state.watch.refusal(reading.stamp_ns)
         refusal = other or refusal or unknown
-        refusal = refusal or self.forbidden(state, reading, position, off_plane)
+        refusal = refusal or self.load_refusal(state, reading, position, off_plane)
         if refusal is not None and (other or position.reason == OUT_OF_RANGE):
             return state.with_impossible(reading.stamp_ns), refusal
         if refusal is not None:
@@ -187,7 +187,9 @@ class Estimator:
             by_reading = noise[: PRESSURE + 1] @ sensitivity.tip
             since_ns = None if state.moving is None else state.moving.stamp_ns
             base = self.gravity.motion_at(state.gravity, reading.stamp_ns, since_ns)
-            passed, course = self.passed_loads(state, reading.stamp_ns, inputs, base.turn_rate)
+            passed, course = self.advance_past_loads(
+                state, reading.stamp_ns, inputs, base.turn_rate
+            )
             moving, motion, shape, errors = self.moving.step(
                 passed, reading.stamp_ns, shape, errors, by_reading, self.places, course, base
             )
@@ -225,13 +227,13 @@ class Estimator:
         history, chamber = state.actuate(self.arm, reading.stamp_ns, load.pressure)
         return ArmInputs(sensed=sensed, load=load, chamber=chamber, history=history)
 
-    def passed_loads(
+    def advance_past_loads(
         self, state: EstimatorState, stamp_ns: int, inputs: ArmInputs, turn_rate: float
     ) -> tuple[MovingState | None, Array | None]:
         """Return the motion after the end wrenches read since the last estimate.
 
         inputs, turn_rate (rad/s) of the base: at the stamp. Also returns the covariance of
-        `MovingArm.pass_loads`; None if there are no such wrenches. A gap longer than
+        `MovingArm.advance_through_loads`; None if there are no such wrenches. A gap longer than
         input_timeout, or with a load without equilibrium, is bridged in one step.
         """
         moving, solution = state.moving, state.solution
@@ -251,7 +253,7 @@ class Estimator:
                 return moving, None
             links = links_at(solution)._replace(turn_rate=turn_rate)
             loaded.append((wrench.stamp_ns, links))
-        return self.moving.pass_loads(moving, stamp_ns, loaded)
+        return self.moving.advance_through_loads(moving, stamp_ns, loaded)
 
     def with_age_error(
         self, state: EstimatorState, noise: Array, sensed: Load, age: float | None
@@ -287,7 +289,7 @@ class Estimator:
             std=freeze(np.hypot(errors.std, [x, y, curvature])),
         )
 
-    def forbidden(
+    def load_refusal(
         self,
         state: EstimatorState,
         reading: PressureReading,

@@ -27,7 +27,7 @@ from pneunet_ros.measurement.between_readings import (
 )
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
-from pneunet_ros.measurement.moving_arm import late_parts
+from pneunet_ros.measurement.moving_arm import delayed_noise_parts
 from pneunet_ros.measurement.predicted_targets import (
     predict_targets,
     PredictedTargets,
@@ -118,7 +118,7 @@ def in_motion(
         np.stack(see(moves[:, 0], moves[:, 1]), axis=1)
         for moves in (nearest.motion.errors(places), nearest.motion.shapes(places))
     )
-    late = late_parts(predicted.errors[: PRESSURE + 1], shapes)
+    late = delayed_noise_parts(predicted.errors[: PRESSURE + 1], shapes)
     return predicted.displaced(*see(deviation[0], deviation[1]), np.concatenate([errors, late]))
 
 

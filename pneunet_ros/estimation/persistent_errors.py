@@ -208,7 +208,7 @@ def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErro
     gram, covariance = model.grams[0], model.covariance
     columns = problem.columns
     scores = np.einsum('tci,tc->ti', problem.shared, rest) @ covariance
-    repeated = frames_as_one(scores[:, : columns or unknowns])
+    repeated = equivalent_frames(scores[:, : columns or unknowns])
     # Covariance of a step before the frames are known: due to the prior and to their noise.
     spread = covariance @ (gram @ gram + repeated * gram) @ covariance
     places = columns + 2 * arm.target_arclength.size
@@ -221,7 +221,7 @@ def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErro
     step, known = model.step[:columns], covariance[:columns, :columns]
     if chance < RARE:
         step, known = without_prior(step, known)
-    tip_offsets = [tip_off(frame, step, known) for frame in kept]
+    tip_offsets = [tip_displacement_of(frame, step, known) for frame in kept]
     squares, outside = np.mean(tip_offsets, axis=0).tolist()
     return PersistentErrors(
         frames=count,
@@ -303,7 +303,7 @@ def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
     )
 
 
-def frames_as_one(scores: Array) -> float:
+def equivalent_frames(scores: Array) -> float:
     """Return the number of correlated frames equivalent to one independent frame, at least 1.
 
     scores (frames, unknowns): contribution of the residual of each frame to each unknown.
@@ -346,7 +346,9 @@ def chance_of(distance: float, unknowns: int) -> float:
     return float(scipy.special.chdtrc(unknowns, distance)) if unknowns else 1.0
 
 
-def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
+def tip_displacement_of(
+    frame: FrameEvidence, step: Array, covariance: Array
+) -> tuple[float, float]:
     """Return the squared tip displacement (m^2) in a frame due to a step of the model columns.
 
     Also returns the resulting probability that the true tip is outside its stated 95 % ellipse,

@@ -69,8 +69,8 @@ class PressureWatch:
         return Refusal(
             stamp_ns=stamp_ns,
             reason=OTHER_PRESSURE,
-            sentence=f'the pressure is {self.verdict.finding}: {remedy(self.verdict)}; if the '
-            'readings are right, set judge_readings to false',
+            sentence=f'the pressure is {self.verdict.finding}: {parameters_remedy(self.verdict)}; '
+            'if the readings are right, set judge_readings to false',
             error=True,
         )
 
@@ -83,10 +83,10 @@ class PressureWatch:
         for record in (self.record, alone):
             verdict = judge_pressure(record, settings.pressure, [expected_of(arm)], running=True)
             if verdict is not None and verdict.log_odds > 0.0:
-                return f'; {verdict.finding}: {remedy(verdict)} if so'
+                return f'; {verdict.finding}: {parameters_remedy(verdict)} if so'
         return ''
 
 
-def remedy(verdict: PressureVerdict) -> str:
+def parameters_remedy(verdict: PressureVerdict) -> str:
     """Return the node parameters that select the other meaning of the readings."""
     return f'set {verdict.parameters}'

@@ -201,18 +201,18 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
     shape = tip = None
     if of.centerlines is not None and to.centerlines is not None:
         shape = compare_centerlines(of.centerlines, to.centerlines)
-    if of.tips is not None and to.tips is not None and not ends_short(of, to):
+    if of.tips is not None and to.tips is not None and not ends_before_tip(of, to):
         at = length or max(reach, default=math.nan)
         tip = compare_tips(of.tips, to.tips, at=at, exact=(of.exact, to.exact))
     elif of.centerlines is not None and to.centerlines is not None:
         tip = compare_last_points(shape)
     else:
         raise RecordingError(
-            f'{of.name} has {contents(of)} and {to.name} has {contents(to)}: they have nothing '
-            'in common',
+            f'{of.name} has {describe_contents(of)} and {to.name} has {describe_contents(to)}: '
+            'they have nothing in common',
             reason='nothing_in_common',
         )
-    unlike = differences(of, to)
+    unlike = arm_differences(of, to)
     return Comparison(
         of=of,
         to=to,
@@ -232,14 +232,14 @@ def last_stations(of: ShapeSeries, to: ShapeSeries) -> list[float]:
     ]
 
 
-def ends_short(of: ShapeSeries, to: ShapeSeries) -> bool:
+def ends_before_tip(of: ShapeSeries, to: ShapeSeries) -> bool:
     """Whether the stations of a truth end before the tip."""
     ends = last_stations(of, to)
     is_open = any(item.exact and not item.whole for item in (of, to))
     return is_open and len(ends) == 2 and abs(ends[0] - ends[1]) > END
 
 
-def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
+def arm_differences(of: ShapeSeries, to: ShapeSeries) -> tuple[Note, ...]:
     """Explain why two sides are of different arms; empty if they may be the same."""
     notes = []
     ends = last_stations(of, to)
@@ -302,7 +302,7 @@ def other_pressures(of: ShapeSeries, to: ShapeSeries) -> list[Note]:
     ]
 
 
-def contents(series: ShapeSeries) -> str:
+def describe_contents(series: ShapeSeries) -> str:
     """List the contents of a source."""
     known = [item.topic for item in (series.tips, series.centerlines) if item is not None]
     return ' and '.join(known) or 'nothing'

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.measurement.steady_states import held_spans
+from pneunet_ros.measurement.steady_states import hold_intervals
 
 
 def steady_estimates(estimates: Iterable[ShapeEstimate]) -> list[ShapeEstimate]:
@@ -15,4 +15,4 @@ def steady_estimates(estimates: Iterable[ShapeEstimate]) -> list[ShapeEstimate]:
     stamps = np.array([estimate.stamp_ns for estimate in kept], dtype=np.int64)
     shapes = [estimate.shape for estimate in kept]
     loads = np.array([(shape.pressure, *shape.force, shape.end_moment) for shape in shapes])
-    return [kept[last] for _, last in held_spans(stamps, loads, 0.0)]
+    return [kept[last] for _, last in hold_intervals(stamps, loads, 0.0)]

@@ -61,11 +61,11 @@ def next_choice(
 
 def choice_in_order(safe: SafeSet, recorded: Sequence[Experiment]) -> Choice:
     """Return the first of the experiments that were recorded the fewest times."""
-    item = min(allowed(safe), key=recorded.count)
+    item = min(allowed_experiments(safe), key=recorded.count)
     return Choice(experiment=item, seconds=item.seconds, rate=0.0, divergence={})
 
 
-def allowed(safe: SafeSet) -> tuple[Experiment, ...]:
+def allowed_experiments(safe: SafeSet) -> tuple[Experiment, ...]:
     """Return the experiments within the limits, each in one of two opposite directions."""
     kept: dict[tuple[tuple[float, ...], ...], Experiment] = {}
     for item in experiments(safe.loaded):
@@ -85,7 +85,7 @@ def ranked_choices(
     if isinstance(investigation, UnsettledInvestigation):
         return []
     trial = trial_in_question(investigation)
-    items = allowed(safe)
+    items = allowed_experiments(safe)
     candidates = rival_candidates(investigation.selection, trial)
     span = safe.low, safe.high
     limited = [safe.within(item) for item in items]

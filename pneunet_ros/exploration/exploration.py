@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration.checks.held_out import score
-from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.progress import ignore_progress, OnProgress
 from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
@@ -68,7 +68,7 @@ def explore(
     *,
     seed: int = 0,
     in_order: bool = False,
-    on_progress: OnProgress = say_nothing,
+    on_progress: OnProgress = ignore_progress,
     settings: ExplorationSettings = EXPLORATION,
 ) -> Iterator[Round]:
     """Record, diagnose and choose, until an effect is named or the budget is used up.

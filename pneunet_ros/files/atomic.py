@@ -21,8 +21,8 @@ import shutil
 import tempfile
 
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.interrupt import interrupted_afterwards
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.interrupt import defer_interrupts
+from pneunet_ros.core.paths import resolve_links
 
 # Errors due to missing space: disk full, quota used up, file larger than allowed.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -53,11 +53,11 @@ def atomic_output(
     """
     output, group = None, _TOGETHER.get()
     try:
-        with interrupted_afterwards():
+        with defer_interrupts():
             output = _open_output(path, overwrite, inputs, tuple(replaceable))
         with _full_disk_reported(path):
             yield output.temporary
-        with interrupted_afterwards():
+        with defer_interrupts():
             if group is None:
                 _put_in_place([output])
             else:
@@ -75,11 +75,11 @@ def written_together() -> Iterator[None]:
     token = _TOGETHER.set(finished)
     try:
         yield
-        with interrupted_afterwards():
+        with defer_interrupts():
             _put_in_place(finished)
     finally:
         _TOGETHER.reset(token)
-        with interrupted_afterwards():
+        with defer_interrupts():
             for output in finished:
                 output.discard()
 
@@ -136,7 +136,7 @@ class _Output:
 
     def discard(self) -> None:
         """Remove leftovers next to the final path."""
-        with interrupted_afterwards():
+        with defer_interrupts():
             shutil.rmtree(self.scratch, ignore_errors=True)
             os.close(self.lock)
 
@@ -247,7 +247,7 @@ def _final_place(
 ) -> Path:
     """Return the final path of an output; RecordingError if it cannot be written."""
     try:
-        final = resolved(path, RecordingError)
+        final = resolve_links(path, RecordingError)
         if not final.name:
             raise RecordingError(
                 f'{path} cannot be written: it is the root of all folders', reason='unwritable'
@@ -292,7 +292,7 @@ def _check_place(
 ) -> None:
     """Reject an unusable path before any work is done."""
     for name in inputs:
-        source = resolved(name, RecordingError)
+        source = resolve_links(name, RecordingError)
         if source == final or source in final.parents or final in source.parents:
             raise RecordingError(
                 f'{path} would overwrite the input {name} or be inside it: choose another place',

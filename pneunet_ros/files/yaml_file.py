@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pneunet_ros.core.errors import PneunetError, why_unread
+from pneunet_ros.core.errors import PneunetError, read_failure
 from pneunet_ros.core.units import quantities
 from pneunet_ros.files.regular_file import open_regular
 from ruamel.yaml import YAML
@@ -100,7 +100,7 @@ class YamlFile:
         except (OSError, ValueError) as error:
             why = getattr(error, 'strerror', None) or error
             raise self.error(
-                f'cannot read the {self.kind} {path}: {why}', reason=why_unread(error)
+                f'cannot read the {self.kind} {path}: {why}', reason=read_failure(error)
             ) from None
         if depth_of(text) > DEEPEST:
             raise self.error(

@@ -274,7 +274,7 @@ class RecordingData:
         return np.isfinite(self.x)
 
 
-def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
+def thin_runs(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
     """Return runs thinned to at most this many frames in total.
 
     A long film shows the same shapes many times, mostly of an arm at rest, while a short recording
@@ -293,12 +293,12 @@ def thinned(runs: Sequence[RecordingData], most: int) -> list[RecordingData]:
         whole |= shares >= lengths
         shares[whole] = lengths[whole]
     return [
-        run if share >= length else thinned_by_course(run, max(share, 1))
+        run if share >= length else thin_by_course(run, max(share, 1))
         for run, share, length in zip(runs, shares.tolist(), lengths.tolist(), strict=True)
     ]
 
 
-def thinned_by_course(run: RecordingData, most: int) -> RecordingData:
+def thin_by_course(run: RecordingData, most: int) -> RecordingData:
     """Return a run thinned evenly in time, pressure and load to at most this many frames.
 
     Half of the spacing is by time, half by the changes of pressure and load: if these change in

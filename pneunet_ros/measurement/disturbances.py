@@ -160,12 +160,12 @@ def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
     return np.array([noise.force_std] * 2 + [noise.moment_std if run.moment.any() else 0.0])
 
 
-def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inputs:
+def inputs_with_load_error(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inputs:
     """Return the inputs with the error of a known load; disturbance: unknowns as in `of_run`."""
     return inputs.with_loads(inputs.loads + disturbance[-LOADS:]) if run.load_known else inputs
 
 
-def painted(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
+def painted_points(theta: Array, curvature: Array, disturbance: Array) -> PaintedTargets:
     """Return the targets of a run at their painted positions; disturbance: as in `of_run`.
 
     theta (rad), curvature (1/m), both (frames, targets) of the arm at the targets.

@@ -17,7 +17,7 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.intrinsic_curvature import over_meters, rotation_pieces
-from pneunet_ros.model.record import owners
+from pneunet_ros.model.record import section_owners
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.columns import (
@@ -359,7 +359,7 @@ class Pieces:
 def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
     """Return the map from columns of the law's sections to columns of the records."""
     base, _ = arm.table.at(rods.pressure)
-    owner = owners(base, rods.sections)
+    owner = section_owners(base, rods.sections)
     first = np.diff(owner, axis=1, prepend=-1) != 0
     places = sorted(
         {

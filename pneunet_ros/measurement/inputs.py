@@ -73,7 +73,7 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     return inputs_at_instants(arm, [run.at_instants(arm.frame_delay) for run in runs])
 
 
-def in_time(runs: Sequence[RecordingData]) -> Iterator[tuple[int, bool]]:
+def runs_in_order(runs: Sequence[RecordingData]) -> Iterator[tuple[int, bool]]:
     """Yield the index of each run in time (not the static ones) and whether its history goes on.
 
     The history starts anew, with a settled arm, in a run that begins before all earlier runs have
@@ -97,7 +97,7 @@ def inputs_at_instants(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs,
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}
     history: tuple[History, ...] | None = None
     previous_ns = 0
-    for which, goes_on in in_time(runs):
+    for which, goes_on in runs_in_order(runs):
         run, history = runs[which], history if goes_on else None
         chamber, histories = np.empty(len(run.pressure)), []
         for index, (stamp, pressure) in enumerate(

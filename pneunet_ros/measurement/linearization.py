@@ -10,10 +10,10 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import (
-    acting_inputs,
     camera_path,
     disturbance_jacobian,
-    painted,
+    inputs_with_load_error,
+    painted_points,
 )
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.noise_model import reading_errors
@@ -127,9 +127,9 @@ def predict(
     disturbance (n,): the unknowns of `of_run`. model: start of the search for equilibria; it is
     updated with the solutions.
     """
-    solved = model.solve(arm, acting_inputs(run, inputs, disturbance)).copy()
+    solved = model.solve(arm, inputs_with_load_error(run, inputs, disturbance)).copy()
     fields = model.fields.copy()
-    targets = painted(fields[:, THETA], fields[:, CURVATURE], disturbance)
+    targets = painted_points(fields[:, THETA], fields[:, CURVATURE], disturbance)
     fitted = FittedRun(
         run=run,
         inputs=inputs,
@@ -182,7 +182,7 @@ def linearize(
         probable, targets = predict(model, arm, run, inputs, disturbance)
         solved = fitted.solved & probable.solved
         fitted, probable = fitted.counting(solved), probable.counting(solved)
-    inputs = acting_inputs(run, inputs, disturbance)
+    inputs = inputs_with_load_error(run, inputs, disturbance)
     fields = model.jacobian(arm, inputs, parameters.columns)
     by_input = as_points(at_painted_targets(fields, targets))
     moving = disturbance_jacobian(run, targets).reshape(*by_input.shape[:2], -1)

@@ -154,7 +154,7 @@ class MotionEstimate:
         return np.asarray((self.at_nodes[3:] @ places.nodes).reshape(SHAPES, 3, -1))
 
 
-def late_parts(errors: Array, shapes: Array) -> Array:
+def delayed_noise_parts(errors: Array, shapes: Array) -> Array:
     """Return further errors of points, because the arm follows the noise of readings with a delay.
 
     errors (n, 2, points) m: errors of the equilibrium, per sigma of each reading; shapes (shapes,
@@ -221,7 +221,7 @@ class MovingArm:
                 found.append(((first[1] - first[0]) / size / distance).tolist())
         return freeze(np.sqrt(np.sum(np.square(found), axis=0)))
 
-    def pass_loads(
+    def advance_through_loads(
         self, state: MovingState, stamp_ns: int, loaded: Sequence[tuple[int, Links]]
     ) -> tuple[MovingState, Array]:
         """Advance a state to a stamp, through the loads read in between.
@@ -235,7 +235,9 @@ class MovingArm:
         damping_time, duration_ns = self.arm.inertia.damping_time, stamp_ns - state.stamp_ns
         start, first = state.links, loaded[0][1]
         resting = replace(state, swing=at_rest(SHAPES))
-        whole = go_between(resting, stamp_ns, first, self.masses, damping_time, self.modes)
+        whole = advance_between_readings(
+            resting, stamp_ns, first, self.masses, damping_time, self.modes
+        )
         for passed_ns, there in loaded[1:]:
             share = (stamp_ns - passed_ns) / duration_ns
             links = Links(
@@ -246,7 +248,9 @@ class MovingArm:
                 offset=there.offset,
                 turn_rate=there.turn_rate + share * (start.turn_rate - first.turn_rate),
             )
-            state = go_between(state, passed_ns, links, self.masses, damping_time, self.modes)
+            state = advance_between_readings(
+                state, passed_ns, links, self.masses, damping_time, self.modes
+            )
         return state, whole.swing.covariance
 
     def step(
@@ -264,7 +268,8 @@ class MovingArm:
 
         shape: the equilibrium at these places; errors of the equilibrium; by_reading (readings,
         3): change of x, y (m), theta of its tip by one sigma of each reading. course: covariance
-        of `pass_loads`, if loads were passed. Returns shape and errors of the moving arm.
+        of `advance_through_loads`, if there were loads. Returns shape and errors of the moving
+        arm.
         """
         assert shape.solution is not None
         assert self.arm.inertia is not None
@@ -276,7 +281,9 @@ class MovingArm:
         if course is not None:
             following.swing.covariance[:] += course
         if base.variance > 0.0:
-            following.swing.covariance[SHAPES:, SHAPES:] += self.jolts(moving, base)
+            following.swing.covariance[SHAPES:, SHAPES:] += self.gravity_noise_covariance(
+                moving, base
+            )
         swing, swinging = following.swing, moving.stopped / self.modes.frequency[0]
         along, bent = moving.at_nodes @ places.nodes, moving.at_joints @ places.joints
         std, covariance = errors.std.copy(), errors.tip_covariance.copy()
@@ -316,7 +323,7 @@ class MovingArm:
             ),
         )
 
-    def jolts(self, there: Moved, base: BaseMotion) -> Array:
+    def gravity_noise_covariance(self, there: Moved, base: BaseMotion) -> Array:
         """Return the covariance of p due to the noise of gravity since the last estimate.
 
         Persistent noise acts as a wrong equilibrium, to which an arm at rest settles.
@@ -434,7 +441,7 @@ def steps_between(seconds: float, damping_time: float, modes: Modes) -> int:
     return math.ceil(seconds * fastest * max(1.0, damping_time * fastest) / STEP)
 
 
-def go_between(
+def advance_between_readings(
     state: MovingState,
     stamp_ns: int,
     after: Links,
@@ -468,7 +475,7 @@ def go_between(
     turning = state.turning
     if turning is not None:
         there = after._replace(turn_rate=turning.links.turn_rate)
-        turning = go_between(turning, stamp_ns, there, masses, damping_time, modes)
+        turning = advance_between_readings(turning, stamp_ns, there, masses, damping_time, modes)
     return MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned, turning=turning)
 
 

@@ -77,20 +77,20 @@ def filter_readings(run: RecordingData, noise: SensorNoise) -> FilteredReadings:
             reading_stamp_ns=kept,
             pressure=interpolate(kept, stamps, fitted),
             reading=np.searchsorted(kept, run.instants),
-            wrench=filtered_wrench(run, noise),
+            wrench=filter_wrench(run, noise),
         ),
         noise=run.frame_pressure - fitted[run.reading],
     )
 
 
-def filtered_wrench(run: RecordingData, noise: SensorNoise) -> Array | None:
+def filter_wrench(run: RecordingData, noise: SensorNoise) -> Array | None:
     """Return the piecewise linear load at all its readings (wrenches, 3) N, N m."""
     if run.wrench_stamp_ns is None or run.wrench is None:
         return run.wrench
-    return filtered_load(run.wrench_stamp_ns, run.wrench, noise)
+    return filter_load(run.wrench_stamp_ns, run.wrench, noise)
 
 
-def filtered_load(stamp_ns: Stamps, load: Array, noise: SensorNoise) -> Array:
+def filter_load(stamp_ns: Stamps, load: Array, noise: SensorNoise) -> Array:
     """Return the piecewise linear fit of loads (n, 3) N, N m."""
     stds = noise.force_std, noise.force_std, noise.moment_std
     return np.column_stack(
@@ -113,13 +113,13 @@ def without_reading_noise(run: RecordingData, noise: SensorNoise) -> RecordingDa
         return run
     load = run.load
     if run.loaded and run.wrench is None:
-        load = filtered_load(run.stamp_ns, load, noise)
+        load = filter_load(run.stamp_ns, load, noise)
     return replace(
         run,
         pressure=filtered(run.reading_stamp_ns, run.pressure, noise.pressure_std),
         force=load[:, :2],
         moment=load[:, 2],
-        wrench=filtered_wrench(run, noise),
+        wrench=filter_wrench(run, noise),
     )
 
 

@@ -61,13 +61,13 @@ def end_turns(points: Array, arclength: Array) -> tuple[float, float] | None:
     first, last = arclength[known[0]] + reach, arclength[known[-1]] - reach
     after = int(known[1:][arclength[known[1:]] >= first - 1e-12][0])
     before = int(known[:-1][arclength[known[:-1]] <= last + 1e-12][-1])
-    turns = [turning(points, *pair) for pair in ((known[0], after), (before, known[-1]))]
+    turns = [line_turning(points, *pair) for pair in ((known[0], after), (before, known[-1]))]
     if turns[0] is None or turns[1] is None:
         return None
     return turns[0], turns[1]
 
 
-def turning(points: Array, start: int, end: int) -> float | None:
+def line_turning(points: Array, start: int, end: int) -> float | None:
     """Return the range (rad) of the angle of the line between two targets, for 90 % of frames."""
     chord = points[:, :, end] - points[:, :, start]
     chord = chord[np.isfinite(chord).all(axis=1)]

@@ -28,7 +28,7 @@ def steady_segments(values: Array, tolerance: Array | float) -> list[tuple[int, 
     return list(itertools.pairwise([*starts, len(values)]))
 
 
-def held_spans(
+def hold_intervals(
     stamp_ns: Stamps, values: Array, tolerance: Array | float, shortest: float = SHORTEST_HOLD
 ) -> list[tuple[int, int]]:
     """Return first and last index of the `steady_segments` of at least `shortest` s."""

@@ -23,8 +23,8 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.inference.gaussian import forget, Known
 from pneunet_ros.measurement.moving_arm import (
+    advance_between_readings,
     follow_reading,
-    go_between,
     LEFT_OUT,
     Moved,
     moved_shape,
@@ -293,7 +293,7 @@ class SwingingArm:
         lost_walk = (transition - partial_transitions)[:, :, Q_ROWS]
         reductions = lost_walk @ projected_turning[:, self.tip] @ force_walk
         root = self.with_noise(belief.root, following.swing, moving)
-        root = self.with_force_walk(root, reductions)
+        root = self.with_force_path_error(root, reductions)
         belief = replace(belief, root=freeze(root))
         reference = replace(
             reference,
@@ -333,7 +333,7 @@ class SwingingArm:
             links_there = links_there._replace(
                 heading=links_there.heading + rotation, turn_rate=passed.turn_rate
             )
-            state = go_between(
+            state = advance_between_readings(
                 state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
             )
         return state, start_links
@@ -459,7 +459,7 @@ class SwingingArm:
         mean_square = -0.5 * time / seconds * math.expm1(-2.0 * seconds / time)
         return math.sqrt(max(mean_square - mean_open**2, 0.0))
 
-    def with_force_walk(self, root: Array, reductions: Array) -> Array:
+    def with_force_path_error(self, root: Array, reductions: Array) -> Array:
         """Add the error of a swing due to the unknown course of the tip force to a root.
 
         reductions (places, 4, 2): reduction of the motion of coordinates and momenta, per sigma of

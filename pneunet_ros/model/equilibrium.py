@@ -19,7 +19,7 @@ from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import locate_load, out_of_range
 from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
-from pneunet_ros.model.record import moved_to
+from pneunet_ros.model.record import shift_origin
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.branches.following import follow
@@ -299,7 +299,7 @@ def find_headings(
             sentence = 'no equilibrium found with a push that rotates with the arm'
             return failed_shape(arm, load, arclength, sentence, most, shape.iterations)
         single = linearize_singly(start, rods, turns(rods, heading))
-        slopes = turned_by(single, rods.push_place)[LOADS:].T
+        slopes = push_rotations(single, rods.push_place)[LOADS:].T
         heading, least = heading + np.linalg.solve(np.eye(heading.size) - slopes, missed), most
 
 
@@ -509,7 +509,9 @@ def linearize_singly(
     if changes is not None:
         scale, (before, after) = 1.0 / changes.distance, changes.rotation
         if not changes.same_places:
-            before, after = moved_to(changes.rotation, rods.knots[:-1] - changes.knots[..., :-1])
+            before, after = shift_origin(
+                changes.rotation, rods.knots[:-1] - changes.knots[..., :-1]
+            )
         rotation = scale[:, None, None] * (after - before)
     positive = min(solution.panels[:, PANEL_FLEXIBILITY].tolist()) > 0.0
     return Sensitivity(
@@ -525,7 +527,7 @@ def linearize_singly(
     )
 
 
-def turned_by(single: Sensitivity, places: Array) -> Array:
+def push_rotations(single: Sensitivity, places: Array) -> Array:
     """Return the rotation (causes, pushes) rad of the arm at its pushes by each single cause."""
     order = np.argsort(places)
     turned = np.empty((len(single.node_changes), places.size))
@@ -558,7 +560,7 @@ def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> 
         mixing[:LOADS, causes : causes + LOADS] = np.eye(LOADS)
     if not pushes:
         return mixing
-    turned = turned_by(single, rods.push_place)
+    turned = push_rotations(single, rods.push_place)
     if changes is not None:  # at a place that moves along the arm, the heading changes
         order = np.argsort(rods.push_place)
         curvature = np.empty(pushes)

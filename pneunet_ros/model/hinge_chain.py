@@ -45,7 +45,7 @@ def hinge_chain(
     rods = arm.rods(pressure)
     refuse_unsupported_loads(arm, rods)
     borders = np.linspace(0.0, arm.length, links + 1)
-    sections = spans(rods, borders)
+    sections = section_overlaps(rods, borders)
     stretch_per_moment = sections / rods.sections[:, None, :, RIGIDITY]
     compliance = stretch_per_moment.sum(axis=2)
     offset = (stretch_per_moment * rods.sections[:, None, :, MOMENT_OFFSET]).sum(axis=2)
@@ -130,7 +130,7 @@ def gravity_of(arm: Arm, rods: Rods) -> Array:
     return freeze(gravity)
 
 
-def spans(rods: Rods, borders: Array) -> Array:
+def section_overlaps(rods: Rods, borders: Array) -> Array:
     """Return the overlap (m) of every part between borders with every section.
 
     borders (parts + 1,) m; returns (pressures, parts, sections).

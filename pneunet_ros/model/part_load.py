@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.model.equilibrium import linearized_ends, Sensitivity
 from pneunet_ros.model.perturbation import Perturbation
-from pneunet_ros.model.record import append_push, cut_pushes, cut_sections, middles
+from pneunet_ros.model.record import append_push, cut_pushes, cut_sections, section_middles
 from pneunet_ros.solver.columns import (
     END_WIDTH,
     NODE_GAUSS,
@@ -43,7 +43,7 @@ def with_part_load(rods: Rods, load: PartLoad) -> Rods:
     half = 0.5 * load.width
     ends = np.array([load.place - half, load.place + half])
     sections, owner = cut_sections(rods.sections, ends, rods.length)
-    middle = middles(sections, rods.length)
+    middle = section_middles(sections, rods.length)
     density = np.where(np.abs(middle - load.place) < half, load.force / load.width, 0.0)
     return rods._replace(
         sections=sections,

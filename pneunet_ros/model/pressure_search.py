@@ -41,8 +41,10 @@ def pressure_for_tip(
         RequestError: a value is not a finite number, or the arm has no shape under this load.
     """
     check_pair(tip=tip)
-    at = following(lambda pressure, start: solve(arm, pressure, force, moment, start=start))
-    return nearest(readings(arm), at, lambda shape: math.dist(shape.tip[:2], tip))
+    at = shape_by_pressure(
+        lambda pressure, start: solve(arm, pressure, force, moment, start=start)
+    )
+    return nearest_shape(readings(arm), at, lambda shape: math.dist(shape.tip[:2], tip))
 
 
 def pressure_for_force(
@@ -66,7 +68,9 @@ def pressure_for_force(
     """
     check_finite(force=force)
     check_pair(tip=tip)
-    at = following(lambda pressure, start: solve_tip(arm, pressure, tip, moment, start=start))
+    at = shape_by_pressure(
+        lambda pressure, start: solve_tip(arm, pressure, tip, moment, start=start)
+    )
 
     def missed(pressure: float) -> float:
         """Return by how much the force is too large (N); zero if it is exact, else NaN."""
@@ -74,10 +78,10 @@ def pressure_for_force(
         return 0.0 if abs(error) <= EXACT * arm.force_scale else error
 
     for low, high in sign_changes(missed, readings(arm)):
-        pressure = zero_between(missed, low, high)
+        pressure = find_zero(missed, low, high)
         if pressure is not None:
             return pressure, at(pressure)
-    pressure, found = nearest(
+    pressure, found = nearest_shape(
         readings(arm), at, lambda shape: abs(math.hypot(*shape.force) - force)
     )
     raise RequestError(
@@ -98,7 +102,9 @@ def readings(arm: Arm) -> list[float]:
     return scanned
 
 
-def following(solve_at: Callable[[float, Shape | None], Shape]) -> Callable[[float], Shape]:
+def shape_by_pressure(
+    solve_at: Callable[[float, Shape | None], Shape],
+) -> Callable[[float], Shape]:
     """Return the shape as a function of pressure; each is solved once, from the previous shape."""
     previous: Shape | None = None
 
@@ -125,12 +131,12 @@ def sign_changes(
         if index and values[-2] * values[-1] <= 0.0:
             yield grid[index - 1], place
         elif index > 1 and 0.0 < values[-2] / values[-1] < 1.0 > values[-2] / values[-3] > 0.0:
-            extremum = least(value, grid, index - 1, math.copysign(1.0, values[-2]))
+            extremum = minimize_between(value, grid, index - 1, math.copysign(1.0, values[-2]))
             if values[-2] * value(extremum) <= 0.0:
                 yield grid[index - 2], extremum
 
 
-def least(
+def minimize_between(
     value: Callable[[float], float], grid: Sequence[float], index: int, side: float = 1.0
 ) -> float:
     """Minimize `side` times a function between the neighbors of a grid point."""
@@ -145,7 +151,7 @@ def least(
     return float(found.x)
 
 
-def zero_between(value: Callable[[float], float], low: float, high: float) -> float | None:
+def find_zero(value: Callable[[float], float], low: float, high: float) -> float | None:
     """Return the zero of a function between two signs; None if the function jumps there."""
     from scipy.optimize import brentq  # slow to import, and rarely needed
 
@@ -156,7 +162,7 @@ def zero_between(value: Callable[[float], float], low: float, high: float) -> fl
     return place if value(place) == 0.0 else None
 
 
-def nearest(
+def nearest_shape(
     grid: Sequence[float], at: Callable[[float], Shape], distance: Callable[[Shape], float]
 ) -> tuple[float, Shape]:
     """Return the shape with the smallest distance, at a pressure within a grid (Pa)."""
@@ -173,5 +179,5 @@ def nearest(
             reason='no_equilibrium',
         )
     at(grid[best])
-    pressure = min(grid[best], least(distance_at, grid, best), key=distance_at)
+    pressure = min(grid[best], minimize_between(distance_at, grid, best), key=distance_at)
     return pressure, at(pressure)

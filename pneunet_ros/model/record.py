@@ -71,13 +71,13 @@ def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, 
     return found, owner
 
 
-def owners(sections: Array, cut: Array) -> Indices:
+def section_owners(sections: Array, cut: Array) -> Indices:
     """For each piece of a cut section, return the index of the original, (n, sections, 8)."""
     reached = cut[:, :, None, START] >= sections[:, None, :, START]
     return np.asarray(reached.sum(axis=2) - 1)
 
 
-def middles(sections: Array, end: float) -> Array:
+def section_middles(sections: Array, end: float) -> Array:
     """Return the arclength (n, sections) m of the middle of each section of a rod up to `end`."""
     starts = sections[:, :, START]
     stops = np.concatenate([starts[:, 1:], np.full((len(starts), 1), end)], axis=1)
@@ -90,10 +90,10 @@ def cut_rotation(rotation: Array, knots: Array, places: Array) -> Array:
         return rotation
     starts = cut_knots(knots, places)[:-1]
     owner = np.clip(np.searchsorted(knots, starts, side='right') - 1, 0, knots.size - 2)
-    return moved_to(rotation[..., owner, :], starts - knots[owner])
+    return shift_origin(rotation[..., owner, :], starts - knots[owner])
 
 
-def moved_to(rotation: Array, distance: Array) -> Array:
+def shift_origin(rotation: Array, distance: Array) -> Array:
     """Shift the origin of polynomials (..., pieces, 5) of the rotation by distances (m)."""
     if not distance.any():
         return rotation
@@ -127,7 +127,7 @@ def add_parts(record: Record, every: Sequence[Terms], length: float, reach: floa
         return record
     parts = [terms.part for terms in every if terms.part is not None]
     sections, owner = cut_sections(record.sections, ends_of(parts, length), length)
-    middle, clamp = middles(sections, reach) / length, record.clamp.copy()
+    middle, clamp = section_middles(sections, reach) / length, record.clamp.copy()
     pushes, places = cut_pushes(record.push, owner), []
     for part, terms in zip(parts, every, strict=True):
         inside = ((middle > part.start) & (middle < part.end)).astype(np.float64)

@@ -152,7 +152,7 @@ def settle(arm: Arm, other: Load, string: String, start: Shape) -> tuple[Shape |
     return None, MOST_STEPS // 3
 
 
-def follows_tip(string: String, tip: Array, jacobian: Array) -> Array:
+def tip_amplification(string: String, tip: Array, jacobian: Array) -> Array:
     """Return the amplification of tip changes (x, y, theta) by the rotating string, (3, 3).
 
     jacobian (3, 4) of the tip under a constant force. Multiply the Jacobian, or a root of the

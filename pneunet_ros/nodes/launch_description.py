@@ -18,7 +18,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.kernels.cache import answer_first
+from pneunet_ros.core.kernels.cache import use_plain_python
 from pneunet_ros.nodes.params_file import check_names_some, parameters_of
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
@@ -164,7 +164,7 @@ def check_names(given: Given) -> None:
 
 def check_parameters(executable: str, given: Given, used: Mapping[str, Any]) -> None:
     """Raise PneunetError if a node of this package would reject its parameters or files."""
-    answer_first()
+    use_plain_python()
     of_node = import_module(f'{PACKAGE}.nodes.{executable}.configuration')
     in_file = parameters_in_file(executable, given)
     table, configured = of_node.PARAMETERS, getattr(of_node, f'configured_{executable}')

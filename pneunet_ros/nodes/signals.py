@@ -7,7 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-from pneunet_ros.core.interrupt import Deferrable, forget_interrupt
+from pneunet_ros.core.interrupt import clear_interrupt, Deferrable
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -30,7 +30,7 @@ def refuse_signals() -> None:
     """
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    forget_interrupt()
+    clear_interrupt()
 
 
 def signal_came() -> bool:

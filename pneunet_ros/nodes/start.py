@@ -43,7 +43,7 @@ def _run(names: tuple[str, ...], usage: str, arguments: list[str]) -> int:
     from importlib import import_module
     from importlib.util import find_spec
 
-    from pneunet_ros.core.kernels.cache import answer_first, compile_meanwhile
+    from pneunet_ros.core.kernels.cache import compile_in_background, use_plain_python
     from pneunet_ros.core.threads import use_one_thread
     from pneunet_ros.core.without_ros import GET_ROS
 
@@ -56,9 +56,9 @@ def _run(names: tuple[str, ...], usage: str, arguments: list[str]) -> int:
         print(f'[INFO] [{", ".join(names)}]: loading', file=sys.stderr, flush=True)
     if {'virtual_arm', 'virtual_gripper'} & set(names):
         import_module('pneunet_ros.lab.live')
-    answer_first()
+    use_plain_python()
     modules = [import_module(f'pneunet_ros.nodes.{name}.node') for name in names]
-    compile_meanwhile()
+    compile_in_background()
     nodes = [getattr(module, NODES[name]) for module, name in zip(modules, names, strict=True)]
     run = import_module('pneunet_ros.nodes.process').run
     code: int = run(nodes, usage or modules[0].USAGE, arguments)

@@ -18,7 +18,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
 )
 from pneunet_ros.calibration.parameters import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError, RequestError
-from pneunet_ros.core.paths import beside
+from pneunet_ros.core.paths import sibling_path
 from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
@@ -76,7 +76,7 @@ def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str
     ]
 
 
-def fitted_in(arm: Arm) -> list[dict[str, str]]:
+def fitted_recordings(arm: Arm) -> list[dict[str, str]]:
     """Return name, hash and role of the recordings to which the statics of an arm were fitted."""
     recordings = arm.provenance.get('recordings')
     return [
@@ -138,7 +138,7 @@ def described_arm(
 
 def knowledge_file(model: Path) -> Path:
     """Return the path of the posterior of a model, e.g. arm.knowledge.npz for arm.yaml."""
-    return beside(model, f'{model.stem}{KNOWLEDGE_SUFFIX}')
+    return sibling_path(model, f'{model.stem}{KNOWLEDGE_SUFFIX}')
 
 
 def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -> None:

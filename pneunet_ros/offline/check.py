@@ -13,12 +13,12 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import kilopascals, seconds_between, seconds_since
-from pneunet_ros.measurement.steady_states import held_spans
+from pneunet_ros.measurement.steady_states import hold_intervals
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.judge import judge_recording, NO_VERDICTS, Verdicts
 from pneunet_ros.offline.uses import run_reader, UseRequest, uses
-from pneunet_ros.recordings.recorded_gravity import mounted, read_gravity
+from pneunet_ros.recordings.recorded_gravity import read_gravity, with_imu_mounting
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import open_recording, Recording
 
@@ -36,7 +36,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
     recording = open_recording(path)
     sentences = [*recording.sentences]
     series: dict[str, ReadingSeries] = {}
-    settings = mounted(recording, request.overrides, request.settings)
+    settings = with_imu_mounting(recording, request.overrides, request.settings)
     for sensor in SENSORS:
         try:
             topic = find_series(recording, sensor, request.overrides, required=False)
@@ -69,7 +69,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
     with suppress(PneunetError):  # the reason is given with the uses
         motion = frames_in_motion([run()], request.arm)
     if motion is not None:
-        sentences = [f'{motion.sentence}{proposed(request.arm)}', *sentences]
+        sentences = [f'{motion.sentence}{propose_motion_recording(request.arm)}', *sentences]
     return {
         'recording': path,
         'seconds': seconds_between(recording.start_ns, recording.end_ns),
@@ -86,7 +86,7 @@ def check_recording(path: Any, request: UseRequest) -> dict[str, Any]:
     }
 
 
-def proposed(arm: Arm) -> str:
+def propose_motion_recording(arm: Arm) -> str:
     """Propose a recording of motion if the motion of the arm is unknown."""
     if arm.inertia is not None:
         return ''
@@ -187,7 +187,7 @@ def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float
             'to': seconds_since(start, int(pressure.stamp_ns[last])),
             'pressure': float(np.mean(pressure.values[first : last + 1])),
         }
-        for first, last in held_spans(pressure.stamp_ns, values, np.array(tolerances))
+        for first, last in hold_intervals(pressure.stamp_ns, values, np.array(tolerances))
     ]
 
 

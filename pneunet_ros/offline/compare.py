@@ -12,13 +12,13 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.paths import resolve_links
 from pneunet_ros.core.units import seconds_since
 from pneunet_ros.estimation.shape_error import (
     CenterlineErrors,
     compare_shapes,
     Comparison,
-    contents,
+    describe_contents,
     error_statistics,
     other_pressures,
     ShapeSeries,
@@ -71,7 +71,9 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
 
 def refuse_same_file(a: ShapeSeries, b: ShapeSeries) -> None:
     """Reject a comparison of a file with itself."""
-    if resolved(a.name) == resolved(b.name) and contents(a) == contents(b):
+    if resolve_links(a.name) == resolve_links(b.name) and describe_contents(
+        a
+    ) == describe_contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose another topic for B, e.g. --topic '
             'b.targets=/pneunet/targets',
@@ -148,7 +150,7 @@ def limitations(comparison: Comparison) -> list[Note]:
         return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
         sides = f'no frame of {comparison.of.name} matches a frame of {comparison.to.name}'
-        return [Note(f'{sides}: {spans(comparison)}', reason='nothing_in_common')]
+        return [Note(f'{sides}: {describe_time_spans(comparison)}', reason='nothing_in_common')]
     notes = other_pressures(comparison.of, comparison.to)
     tip = comparison.tip
     if tip is not None and not tip.at_end:
@@ -169,7 +171,7 @@ def limitations(comparison: Comparison) -> list[Note]:
     return notes
 
 
-def spans(comparison: Comparison) -> str:
+def describe_time_spans(comparison: Comparison) -> str:
     """Describe the time spans of the two sides."""
     texts = []
     for side in (comparison.of, comparison.to):

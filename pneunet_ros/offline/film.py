@@ -105,7 +105,7 @@ def _seconds(nanoseconds: Array) -> Array:
     return np.asarray(nanoseconds / NANOSECONDS_PER_SECOND)
 
 
-def join(
+def join_clocks(
     trackings: Iterable[Tracking], table: ReadingTable, delay: float, rejected: Iterable[int]
 ) -> FilmedRun:
     """Convert frames and readings to the clock of the table.

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.progress import ignore_progress, OnProgress
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.camera_file import load_camera
@@ -46,7 +46,7 @@ PRESSURE = 2000.0  # Pa per image, after the images at rest
 PERIOD_NS = 100_000_000  # between images
 
 
-def call_kernels(on_progress: OnProgress = say_nothing) -> None:
+def call_kernels(on_progress: OnProgress = ignore_progress) -> None:
     """Call every kernel with typical arguments, to compile it."""
     tasks: tuple[tuple[str, Callable[[Path], None]], ...] = (
         ('virtual lab', play),

@@ -161,7 +161,7 @@ def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
             )
         names.add(name)
         try:
-            roles = {role: expanded(row.get(role, ''), table.parent) for role in ROLES}
+            roles = {role: expand_paths(row.get(role, ''), table.parent) for role in ROLES}
         except ValueError as error:
             raise RequestError(f'{table}, line {line}: {error}', reason='wrong_form') from error
         arm_file = row.get('arm', '')
@@ -214,7 +214,7 @@ def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
         ) from error
 
 
-def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
+def expand_paths(cell: str, folder: Path) -> tuple[Path, ...]:
     """Return the recordings in a cell: names separated by blanks, quoted if needed."""
     found: list[Path] = []
     for word in shlex.split(cell):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import functools
 from typing import Any
 
-from pneunet_ros.calibration.checks.frames_in_motion import checked_at_rest, without_motion
+from pneunet_ros.calibration.checks.frames_in_motion import check_runs_at_rest, without_motion
 from pneunet_ros.calibration.checks.preconditions import (
     check_clamp,
     check_targets,
@@ -167,7 +167,7 @@ class UseAttempts:
             raise RecordingError(
                 f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'
             )
-        checked_at_rest([data], [], arm, declared=self.request.settings.judged_pressure)
+        check_runs_at_rest([data], [], arm, declared=self.request.settings.judged_pressure)
         return by_tip(data, found)
 
     def calibrates_loaded(self) -> str:

@@ -13,8 +13,8 @@ from typing import Any
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.paths import resolved
-from pneunet_ros.core.printable import listed
+from pneunet_ros.core.paths import resolve_links
+from pneunet_ros.core.printable import list_names
 from pneunet_ros.files.yaml_file import YamlFile
 from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
 from pneunet_ros.recordings.plain_mcap import PACKED, SQLITE
@@ -90,17 +90,19 @@ def unread_parts(path: Path, messages: int) -> Iterator[Note]:
     if not (path / METADATA).exists():
         numbers = sorted({number for number, _ in _numbered(path)})
         if numbers != list(range(len(numbers))):
-            found = listed(list(map(str, numbers)), NAMES_SHOWN)
+            found = list_names(list(map(str, numbers)), NAMES_SHOWN)
             yield Note(f'{path} has only the parts {found}: others are missing', reason='lost')
         return
     names, _, _, announced = FILE.load(path / METADATA, _describe_folder)
     part = re.match(r'(.+)_\d{1,9}\.', names[0]) if names else None
-    stem = part[1] if part else resolved(path, RecordingError).name  # it may have been renamed
+    stem = (
+        part[1] if part else resolve_links(path, RecordingError).name
+    )  # it may have been renamed
     known = {_number(stem, name) for name in names}
     others = [file.name for number, file in _numbered(path, stem) if number not in known]
     if others:
         yield Note(
-            f'{listed(others, NAMES_SHOWN)} was not read: {path / METADATA} does not list it; '
+            f'{list_names(others, NAMES_SHOWN)} was not read: {path / METADATA} does not list it; '
             'write the metadata anew with `ros2 bag reindex`',
             reason='not_supported',
         )
@@ -131,7 +133,7 @@ def _number(stem: str, name: str) -> int | None:
 
 def _numbered(path: Path, stem: str = '') -> list[tuple[int, Path]]:
     """Return the parts of a folder with their numbers, in order; stem: if not its name."""
-    stem = stem or resolved(path, RecordingError).name
+    stem = stem or resolve_links(path, RecordingError).name
     numbers = ((_number(stem, file.name), file) for file in _files_in(path))
     return sorted((number, file) for number, file in numbers if number is not None)
 
@@ -147,12 +149,12 @@ def _other_folder(path: Path) -> str:
     loose = [file.name for file in _files_in(path)]
     if loose:
         return (
-            f'is a folder without {METADATA} (it contains {listed(loose, NAMES_SHOWN)}): give one '
-            'of these recordings instead'
+            f'is a folder without {METADATA} (it contains {list_names(loose, NAMES_SHOWN)}): give '
+            'one of these recordings instead'
         )
     inner = sorted(file.parent.name for file in path.glob(f'*/{METADATA}'))
     if inner:
-        return f'is a folder of recordings: give one of them ({listed(inner, NAMES_SHOWN)})'
+        return f'is a folder of recordings: give one of them ({list_names(inner, NAMES_SHOWN)})'
     if holds_pictures(path):
         return recording_from(path)
     return f'is a folder without a recording: it has no {METADATA} and no .mcap file'

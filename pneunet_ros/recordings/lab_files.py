@@ -12,7 +12,7 @@ import numpy as np
 from pneunet_ros.core.arrays import LARGEST
 from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.paths import beside
+from pneunet_ros.core.paths import sibling_path
 from pneunet_ros.estimation.shape_error import Centerlines, ShapeSeries, Tips
 from pneunet_ros.files.atomic import atomic_output, written_together
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
@@ -56,7 +56,7 @@ def truth_file(path: Path) -> Path:
 
     RequestError for a path without a name, such as `.`.
     """
-    return beside(path, f'{path.name.removesuffix(".mcap")}.truth.npz')
+    return sibling_path(path, f'{path.name.removesuffix(".mcap")}.truth.npz')
 
 
 def write_lab(

@@ -18,7 +18,7 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.paths import resolve_links
 from pneunet_ros.files.regular_file import open_regular, readable
 from pneunet_ros.recordings.limits import ALWAYS_UNPACKED, LARGEST_CHUNK, MOST_EXPANSION
 from pneunet_ros.recordings.message_store import jazzy
@@ -134,7 +134,7 @@ def _copy_messages(database: Path, copy: Path) -> None:
     """Write the messages of a database of rosbag2 as MCAP, in the order of their log times."""
     log = _log(database)
     immutable = '' if log.exists() and log.stat().st_size else '&immutable=1'
-    source = f'{resolved(database, RecordingError).as_uri()}?mode=ro{immutable}'
+    source = f'{resolve_links(database, RecordingError).as_uri()}?mode=ro{immutable}'
     with closing(sqlite3.connect(source, uri=True)) as bag, copy.open('wb') as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start('ros2')

@@ -49,7 +49,7 @@ class RecordedGravity:
         return np.column_stack([interpolate(stamp_ns, self.stamp_ns, one) for one in columns])
 
 
-def mounted(
+def with_imu_mounting(
     recording: Recording, overrides: Mapping[str, str], settings: EstimatorSettings
 ) -> EstimatorSettings:
     """Return settings with the mounting of the accelerometer, if the recording gives it.
@@ -103,7 +103,7 @@ def read_gravity(
             refused.setdefault(refusal.reason, refusal)
             counts[refusal.reason] += 1
             continue
-        read_ns = known.reading.stamp_ns if known.reading else newest(reading)
+        read_ns = known.reading.stamp_ns if known.reading else latest_stamp(reading)
         direction, _ = source.at(known, read_ns)
         if direction is None:
             continue
@@ -131,6 +131,6 @@ def read_gravity(
     )
 
 
-def newest(reading: Any) -> int:
+def latest_stamp(reading: Any) -> int:
     """Return the latest stamp (ns) of readings of frames."""
     return max((one.stamp_ns for one in reading if isinstance(one, FrameReading)), default=0)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Channel
-from pneunet_ros.core.errors import MessageError, RecordingError, shortened
+from pneunet_ros.core.errors import MessageError, RecordingError, shorten
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
@@ -283,7 +283,7 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     longest = max(len(channel.topic), len(schema.name) if schema else 0)
     if longest > LONGEST_NAME:
         return Note(
-            f'{shortened(channel.topic, LONGEST_NAME)} in {file.path} was skipped: the name of '
+            f'{shorten(channel.topic, LONGEST_NAME)} in {file.path} was skipped: the name of '
             f'its topic or type has {longest} characters, and {LONGEST_NAME} are allowed',
             reason='too_large',
         )

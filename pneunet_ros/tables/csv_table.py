@@ -16,9 +16,9 @@ from typing import TextIO
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.errors import RecordingError, why_unread
+from pneunet_ros.core.errors import read_failure, RecordingError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.printable import listed
+from pneunet_ros.core.printable import list_names
 from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.tables.clock import Clock
@@ -126,7 +126,7 @@ def read_csv(
             return _read(path, stream, cut, request, exact, check_names, size)
     except OSError as error:
         raise RecordingError(
-            f'{path} cannot be read: {error.strerror}', reason=why_unread(error)
+            f'{path} cannot be read: {error.strerror}', reason=read_failure(error)
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(
@@ -316,7 +316,7 @@ def _spelling(path: Path, written: Mapping[str, str]) -> tuple[Note, ...]:
     pairs = [f'{name!r} as {new}' for new, name in written.items() if name != new]
     if not pairs:
         return ()
-    shown = listed(pairs, NAMES_SHOWN)
+    shown = list_names(pairs, NAMES_SHOWN)
     return (Note(f'{path}: columns were read {shown}', reason='renamed'),)
 
 

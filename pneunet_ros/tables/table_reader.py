@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.notes import Note
-from pneunet_ros.core.printable import listed
+from pneunet_ros.core.printable import list_names
 from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT, STANDARD_ATMOSPHERE
 from pneunet_ros.measurement.meaning.pressure_convention import pressure_unit
@@ -161,7 +161,7 @@ def _without_readings(path: Path, table: CsvTable) -> list[Note]:
         )
     empty = [name for name in names if np.all(np.isnan(table.numbers[name]))]
     if empty:
-        shown = listed(empty, NAMES_SHOWN)
+        shown = list_names(empty, NAMES_SHOWN)
         notes.append(Note(f'{path}: no row has a number in {shown}', reason='no_number'))
     return notes
 

@@ -10,7 +10,7 @@ from pneunet_ros.calibration.camera_clock import (
     camera_clocks,
     CameraClock,
     combined_clock,
-    retimed,
+    correct_stamps,
     seconds_after,
 )
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
@@ -29,7 +29,9 @@ def drifting(which: int, late: float, rate: float) -> tuple[Fit, CameraClock]:
     clock = CameraClock(name=run.name, middle_ns=middle_ns, delay=late, rate=rate, rate_std=1e-4)
     runs = list(fit.runs)
     # Stamped late is corrected by what stamps it early.
-    runs[which] = replace(runs[which], run=retimed(run, replace(clock, delay=-late, rate=-rate)))
+    runs[which] = replace(
+        runs[which], run=correct_stamps(run, replace(clock, delay=-late, rate=-rate))
+    )
     return replace(fit, runs=tuple(runs)), clock
 
 
@@ -57,12 +59,12 @@ def test_a_clock_that_is_late_alone_is_left_to_a_diagnosis():
 def test_corrected_stamps_are_those_of_the_readings():
     fit, clock = drifting(0, 0.02, -3e-3)
     run, wrong = base().runs[0].run, fit.runs[0].run
-    again = retimed(wrong, clock)
+    again = correct_stamps(wrong, clock)
     assert np.abs(again.stamp_ns - run.stamp_ns).max() < 5e-3 * np.ptp(
         wrong.stamp_ns - run.stamp_ns
     )
     assert np.abs(again.reading - run.reading).max() <= 1
-    assert retimed(wrong, None) is wrong
+    assert correct_stamps(wrong, None) is wrong
     later = replace(clock, middle_ns=clock.middle_ns + 10**9, delay=0.001, rate=1e-3)
     both = combined_clock(clock, later)
     assert both.rate == pytest.approx(clock.rate + 1e-3)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.calibration.checks.left_out_levels import interpolated
+from pneunet_ros.calibration.checks.left_out_levels import monotone_interpolation
 from pneunet_ros.calibration.first_curvature import tip_turns
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.readings import PressureReading
@@ -332,7 +332,7 @@ def test_pressures_of_any_size_are_interpolated_alike(size):
     levels = np.repeat(np.linspace(0.0, 50e3, 6), 3)
     noise = np.tile([-20.0, 0.0, 20.0], 6)
     at = np.linspace(0.0, 50e3, 21)
-    expected = interpolated(levels + noise, levels**2, at)
-    found = interpolated(size * (levels + noise), levels**2, size * at)
+    expected = monotone_interpolation(levels + noise, levels**2, at)
+    found = monotone_interpolation(size * (levels + noise), levels**2, size * at)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     assert np.ptp(found) > 1e9

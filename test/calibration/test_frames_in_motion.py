@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.calibration.checks.frames_in_motion import (
-    checked_at_rest,
+    check_runs_at_rest,
     frames_in_motion,
     slowest_period,
     without_motion,
@@ -114,7 +114,7 @@ def test_what_rests_before_its_load_is_there_is_no_loaded_recording():
     cut = dataclasses.replace(dead.subset(np.arange(26)), name='cut off while it swings')
     unloaded = [runs['unloaded_ramp'], runs['unloaded_staircase']]
     assert not cut.is_idle(truth.sensors)
-    _, loaded, motion = checked_at_rest(unloaded, [cut, dead], truth)
+    _, loaded, motion = check_runs_at_rest(unloaded, [cut, dead], truth)
     assert motion is not None
     assert [one.name for one in loaded] == [dead.name]
     assert motion.lost == (cut.name,)

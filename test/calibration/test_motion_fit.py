@@ -223,7 +223,7 @@ def test_a_late_camera_speaks_against_the_fit():
     arm = dataclasses.replace(true_model(scenario), effects=())
     fit = fit_motion(arm, [run_of(simulate(scenario)).without_load()])
     assert fit.objection and fit.described == f'{fit.sentence}; but {fit.objection}'
-    moving = fit.applied_to(arm)
+    moving = fit.apply_to(arm)
     assert moving.sources['motion'] == fit.described
     right, _ = fitted()
     assert not right.objection and right.described == right.sentence

@@ -12,7 +12,7 @@ from pneunet_ros import load_model
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.conclusion import take_back
+from pneunet_ros.diagnosis.conclusion import withdraw_name
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.exploration import exploration
@@ -91,7 +91,7 @@ def test_nothing_missing_without_a_load_says_what_could_not_have_been_seen(run):
 @pytest.mark.slow
 def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatch):
     def overruled(investigation, *, on_progress):
-        diagnosis = take_back(investigation, 'a law says it better')
+        diagnosis = withdraw_name(investigation, 'a law says it better')
         return Discovery(searched=True, overruling=diagnosis)
 
     monkeypatch.setattr('pneunet_ros.discovery.discovery.discover', overruled)

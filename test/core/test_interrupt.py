@@ -6,12 +6,12 @@ import signal
 import subprocess
 import sys
 
-from pneunet_ros.core.interrupt import Deferrable, interrupted_afterwards
+from pneunet_ros.core.interrupt import defer_interrupts, Deferrable
 import pytest
 
 PROGRAM = """
 import sys
-from pneunet_ros.core.interrupt import forget_interrupt
+from pneunet_ros.core.interrupt import clear_interrupt
 try:
     exec('raise KeyboardInterrupt')
 except KeyboardInterrupt:
@@ -20,7 +20,7 @@ sys.exit(130)
 """
 
 
-@pytest.mark.parametrize(('then', 'code'), [('pass', -2), ('forget_interrupt()', 130)])
+@pytest.mark.parametrize(('then', 'code'), [('pass', -2), ('clear_interrupt()', 130)])
 def test_an_interrupt_of_code_made_from_text_is_forgotten(then, code, tmp_path):
     (tmp_path / 'interrupted.py').write_text(PROGRAM.format(then=then))
     command = [sys.executable, '-m', 'interrupted']
@@ -41,8 +41,8 @@ def test_a_deferrable_handler_waits_and_stays_where_it_is(handlers, number):
     handler = Deferrable(lambda number, frame: came.append(number))
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, handler)
-    with interrupted_afterwards():
-        with interrupted_afterwards():
+    with defer_interrupts():
+        with defer_interrupts():
             signal.raise_signal(number)
         assert signal.getsignal(signal.SIGINT) is handler
         assert came == []
@@ -54,7 +54,7 @@ def test_a_deferrable_handler_waits_and_stays_where_it_is(handlers, number):
 def test_an_interrupt_waits_though_nothing_was_set_up(handlers):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     done = []
-    with pytest.raises(KeyboardInterrupt), interrupted_afterwards():
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():
         signal.raise_signal(signal.SIGINT)
         done.append(True)
     assert done == [True]

@@ -21,7 +21,7 @@ import sys
 from pathlib import Path
 from pneunet_ros.core.kernels import cache as kernel_cache
 kept = Path(sys.argv.pop(1))
-kernel_cache.kept_file = lambda: kept
+kernel_cache.marker_file = lambda: kept
 kernel_cache.COMPILE = (sys.executable, '-c', 'import time; time.sleep(600)')
 """
 BOTH_WAYS = (
@@ -29,7 +29,7 @@ BOTH_WAYS = (
     + """
 import json
 from pneunet_ros.core.kernels import jit
-kernel_cache.answer_first()
+kernel_cache.use_plain_python()
 from pneunet_ros import load_model, solve
 arm = load_model('config/paper_arm.yaml')
 def answer():
@@ -51,8 +51,8 @@ print(json.dumps([*first, answer(), all(
 def unkept(tmp_path, monkeypatch):
     """Give the file that says that kernels are kept, which is not there."""
     file = tmp_path / 'kept'
-    monkeypatch.setattr(kernel_cache, 'kept_file', lambda: file)
-    monkeypatch.setattr(kernel_cache, 'may_keep', lambda: True)
+    monkeypatch.setattr(kernel_cache, 'marker_file', lambda: file)
+    monkeypatch.setattr(kernel_cache, 'cache_is_writable', lambda: True)
     monkeypatch.setattr(jit, 'HAVE_NUMBA', True)
     return file
 
@@ -96,22 +96,22 @@ def test_one_process_compiles_for_all(unkept, monkeypatch):
     looks = []
     with kernel_cache.lock_file().open('w') as file:
         kernel_cache.fcntl.flock(file, kernel_cache.fcntl.LOCK_EX)
-        assert kernel_cache.being_compiled()
+        assert kernel_cache.is_compiling()
 
         def look():
-            looks.append(kernel_cache.being_compiled())
+            looks.append(kernel_cache.is_compiling())
             if len(looks) == 2:
                 unkept.touch()
 
         kernel_cache.wait_for_kernels(look)
     assert looks == [True, True]
-    assert not kernel_cache.being_compiled()
+    assert not kernel_cache.is_compiling()
 
 
 def test_two_that_look_at_once_do_not_take_each_other_for_one_that_compiles(unkept):
     with kernel_cache.lock_file().open('w') as file:
         kernel_cache.fcntl.flock(file, kernel_cache.fcntl.LOCK_SH)
-        assert not kernel_cache.being_compiled()
+        assert not kernel_cache.is_compiling()
 
 
 def test_who_waited_for_one_that_failed_compiles(unkept, monkeypatch):
@@ -138,10 +138,10 @@ def test_who_waited_for_one_that_failed_compiles(unkept, monkeypatch):
 
 def test_the_folder_of_the_first_kernels_is_made(monkeypatch, tmp_path):
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'a' / 'b'))
-    assert not kernel_cache.being_compiled()
-    with kernel_cache.alone():
-        kernel_cache.note_kept()
-    assert kernel_cache.kept_file().exists()
+    assert not kernel_cache.is_compiling()
+    with kernel_cache.compilation_lock():
+        kernel_cache.write_marker_file()
+    assert kernel_cache.marker_file().exists()
 
 
 def test_a_compiler_that_fails_is_not_waited_for(unkept, monkeypatch):
@@ -149,7 +149,7 @@ def test_a_compiler_that_fails_is_not_waited_for(unkept, monkeypatch):
     monkeypatch.setattr(jit.WAITING, 'expected', True)
     monkeypatch.setattr(kernel_cache, 'COMPILE', (sys.executable, '-c', 'raise SystemExit(1)'))
     monkeypatch.setattr(jit, 'use_compiled', lambda: used.append('compiled'))
-    kernel_cache.compile_meanwhile()
+    kernel_cache.compile_in_background()
     (thread,) = (one for one in kernel_cache.threading.enumerate() if one.name == 'kernels')
     thread.join(60.0)
     assert not used  # plain Python goes on
@@ -158,24 +158,24 @@ def test_a_compiler_that_fails_is_not_waited_for(unkept, monkeypatch):
 
 
 def test_nobody_waits_where_nothing_can_be_kept(unkept, monkeypatch, tmp_path):
-    assert not kernel_cache.kernels_kept()
+    assert not kernel_cache.kernels_are_cached()
     monkeypatch.undo()
     file = tmp_path / 'a file'
     file.touch()
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(file / 'below'))
-    kernel_cache.may_keep.cache_clear()
+    kernel_cache.cache_is_writable.cache_clear()
     try:
-        assert not kernel_cache.may_keep()
-        assert kernel_cache.kernels_kept()
+        assert not kernel_cache.cache_is_writable()
+        assert kernel_cache.kernels_are_cached()
     finally:
-        kernel_cache.may_keep.cache_clear()
+        kernel_cache.cache_is_writable.cache_clear()
 
 
 def test_kernels_of_other_equations_are_not_taken(monkeypatch):
-    today = kernel_cache.kept_file()
+    today = kernel_cache.marker_file()
     monkeypatch.setattr(jit, 'sources', lambda: 'other')
-    assert kernel_cache.kept_file() != today
-    assert kernel_cache.kept_file().parent == today.parent
+    assert kernel_cache.marker_file() != today
+    assert kernel_cache.marker_file().parent == today.parent
 
 
 @pytest.mark.skipif(not jit.HAVE_NUMBA, reason='no numba here')

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError, RequestError
-from pneunet_ros.core.paths import resolved
+from pneunet_ros.core.paths import resolve_links
 import pytest
 from support.refusals import refused
 
@@ -34,13 +34,13 @@ def test_a_loop_of_links_raises_the_error_that_was_asked_for():
     Path('back').symlink_to('there')
     for name in ('loop', 'there'):
         try:  # Python 3.13 follows a loop until it is back
-            found = resolved(name, RecordingError)
+            found = resolve_links(name, RecordingError)
         except RecordingError as error:
             assert name in str(error)
         else:
             assert found.is_absolute()
     with refused(RequestError, 'not_found'):
-        resolved('a\0b')
+        resolve_links('a\0b')
 
 
 @pytest.mark.parametrize('verb', VERBS)

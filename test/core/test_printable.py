@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pneunet_ros.cli.verb import output_console
-from pneunet_ros.core.errors import LONGEST_SENTENCE, RecordingError, shortened
+from pneunet_ros.core.errors import LONGEST_SENTENCE, RecordingError, shorten
 from pneunet_ros.core.printable import printable
 import pytest
 from rich.table import Table
@@ -44,4 +44,4 @@ def test_a_sentence_keeps_its_beginning_and_its_end():
     assert sentence.startswith('r.mcap has no topic aaa')
     assert sentence.endswith('aaa: give --topic')
     assert str(RecordingError(RecordingError('short'))) == 'short'
-    assert shortened('as it is') == 'as it is'
+    assert shorten('as it is') == 'as it is'

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score
-from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
+from pneunet_ros.diagnosis.confirmation import Confirmer, error_increase
 from pneunet_ros.diagnosis.scores.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.selection import parameters_outside_prior, Record
 from pneunet_ros.diagnosis.settings import DEFAULTS
@@ -169,12 +169,12 @@ def test_a_model_that_is_surely_worse_on_held_out_recordings_has_no_name():
     noise[3, :, 4] = np.nan
     misfit = 4e-4 * np.sin(np.arange(80) / 5.0)[:, None, None] * np.linspace(0.0, 1.0, 12)
     good, bad = scored(noise), scored(noise + misfit)
-    assert error_rises(bad, good) == ''
-    assert error_rises(good, good) == ''
-    risen = error_rises(good, bad)
+    assert error_increase(bad, good) == ''
+    assert error_increase(good, good) == ''
+    risen = error_increase(good, bad)
     assert ('0.198 ' in risen, '0.256 ' in risen) == (True, True)
     once = noise.copy()
     once[70] *= 12.0  # one frame says nothing of the others
-    assert error_rises(good, scored(once)) == ''
+    assert error_increase(good, scored(once)) == ''
     few = [scored(item[:3]) for item in (noise, noise + 1e-2)]
-    assert error_rises(*few) == ''
+    assert error_increase(*few) == ''

@@ -10,7 +10,7 @@ from pneunet_ros.calibration.motion.motion_fit import MotionFit
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import late_arm
-from pneunet_ros.diagnosis.conclusion import take_back
+from pneunet_ros.diagnosis.conclusion import withdraw_name
 from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.fit.hypothesis import hypothesis
 from pneunet_ros.diagnosis.fit.linearization import Linearization
@@ -127,7 +127,7 @@ def test_mass_is_fitted_while_the_recordings_become_more_probable(
         return judged(nothing[0], left.pop(0), names=names, answer='named')
 
     late = judged(nothing[0], 0.0, names=(CameraDelay.name,), answer='named')
-    moving = late_arm.less_motion(late, search, nothing[1], [])
+    moving = late_arm.subtract_motion(late, search, nothing[1], [])
     assert not left
     assert moving.fit.hertz == believed
 
@@ -165,7 +165,7 @@ def test_mass_is_fitted_beside_what_was_found_without_it(nothing, monkeypatch):
     monkeypatch.setattr(late_arm, 'without_swing', without_swing)
     monkeypatch.setattr(late_arm, 'augment_model', lambda *args: arm)
     monkeypatch.setattr(late_arm, 'fit_with_effects', lambda *args: None)
-    late_arm.less_motion(
+    late_arm.subtract_motion(
         replace(found, best=best), lambda *args, allowed: judged(found, 0.0), runs, []
     )
     assert [one.frame_delay for one in swung[:3]] == pytest.approx([0.051, 0.01, 0.01])
@@ -183,7 +183,7 @@ def test_a_late_camera_stays_one_where_no_mass_explains_it(asked, monkeypatch):
 
 def test_a_name_that_is_taken_back_is_said_with_the_reason(asked):
     found, _ = asked(100.0)
-    taken = take_back(found, 'a push says it better')
+    taken = withdraw_name(found, 'a push says it better')
     assert (taken.answer, taken.effects) == ('unknown', ())
     assert 'inertia' in taken.sentence
     assert [note.reason for note in taken.notes if note.endswith('a push says it better')] == [

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.diagnosis.usable_frames import without_unread
+from pneunet_ros.diagnosis.usable_frames import exclude_unknown_readings
 from pneunet_ros.effects.softening import Softening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
@@ -45,7 +45,7 @@ def recording(pressure: list[float], force: list[float] | None = None) -> Record
 
 def kept(run: RecordingData) -> list[float]:
     """Return the frames that are kept, in periods of the readings."""
-    (group,), _ = without_unread(paper_arm(), [run])
+    (group,), _ = exclude_unknown_readings(paper_arm(), [run])
     return ((group[0].stamp_ns - READ) / READ).tolist() if group else []
 
 
@@ -61,7 +61,7 @@ def test_frames_between_two_readings_go_where_the_pressure_jumped():
 
 def test_frames_go_where_the_load_jumped_and_what_stays_is_said():
     run = recording([20e3] * 6, [0.1, 0.1, 0.1, 0.2, 0.2, 0.2])
-    (group,), notes = without_unread(paper_arm(), [run])
+    (group,), notes = exclude_unknown_readings(paper_arm(), [run])
     left = len(run.stamp_ns) - len(group[0].stamp_ns)
     assert left == 6  # three in between, three behind the last reading
     assert [note.reason for note in notes] == ['between_readings']
@@ -73,7 +73,7 @@ def test_frames_taken_with_a_reading_and_steady_states_and_those_of_no_pressure_
     triggered = step.subset(np.arange(0, 24, 4))
     without = replace(recording([0.0] * 6), pressurized=False)
     for run in (triggered, replace(step, static=True), without):
-        (group,), notes = without_unread(paper_arm(), [run])
+        (group,), notes = exclude_unknown_readings(paper_arm(), [run])
         assert group == [run]
         assert not notes
 
@@ -83,8 +83,10 @@ def test_too_little_that_was_read_is_refused():
     restless = recording([20e3] * 8, [0.0, 0.0, 0.2, 0.1, 0.3, 0.0, 0.2, 0.1])
     between = restless.subset(np.array([1, 2, 9, 10, 11, 13, 14, 15]))
     with refused(RecordingError, 'between_readings'):
-        without_unread(paper_arm(), [free, between])
-    (_, held_out), (note,) = without_unread(paper_arm(), [free], [replace(between, name='short')])
+        exclude_unknown_readings(paper_arm(), [free, between])
+    (_, held_out), (note,) = exclude_unknown_readings(
+        paper_arm(), [free], [replace(between, name='short')]
+    )
     assert held_out == []
     assert 'short' in note
 
@@ -99,7 +101,7 @@ def test_the_arm_remembers_the_pressures_of_a_recording_that_is_left_out():
         for run, ns in zip((free, between, later), after, strict=True)
     ]
     arm = paper_arm((Softening(loss=0.3),))
-    (kept,), _ = without_unread(arm, runs)
+    (kept,), _ = exclude_unknown_readings(arm, runs)
     assert len(kept) == 2
     known, alone = (inputs_of(arm, some)[-1].histories[0][0] for some in (runs, [free, later]))
     left = inputs_of(arm, kept)[-1].histories[0][0]
@@ -112,7 +114,7 @@ def test_noise_larger_than_the_arm_file_says_is_no_change():
     force = 0.1 + 5.0 * noise.force_std * random.standard_normal(200)
     pressure[100:] += 30e3
     run = recording(pressure.tolist(), force.tolist())
-    (group,), _ = without_unread(paper_arm(), [run])
+    (group,), _ = exclude_unknown_readings(paper_arm(), [run])
     left = set(run.stamp_ns.tolist()) - set(group[0].stamp_ns.tolist())
     assert {100 * READ + place * READ // 4 for place in (1, 2, 3)} < left
     assert len(left) < 0.05 * len(run.stamp_ns)

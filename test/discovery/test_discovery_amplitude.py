@@ -17,10 +17,10 @@ from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
 from pneunet_ros.discovery.time_law import (
+    aperiodic_courses,
+    aperiodic_roots,
+    find_aperiodic,
     find_swing,
-    find_wandering,
-    wandering_courses,
-    wandering_roots,
 )
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
@@ -203,8 +203,8 @@ def searched(seed: int, course, runs: int, find):
     same = {'values': (np.ones(TIMES.size),) * runs, 'scale': 1.0}
     time = Covariate(name='t', values=(TIMES,) * runs, scale=float(TIMES[-1]))
     known = {'1': Covariate(name='1', **same), 't': time}
-    if find is find_wandering:
-        return find_wandering(frames, wandering_courses(time.values), 1.0, tuple(range(runs)))
+    if find is find_aperiodic:
+        return find_aperiodic(frames, aperiodic_courses(time.values), 1.0, tuple(range(runs)))
     return find(frames, known, 1.0, tuple(range(runs)))
 
 
@@ -239,25 +239,25 @@ def test_what_changes_by_itself_without_a_period_is_found(course, size):
             return size * ((begin < TIMES) & (begin + 12.0 > TIMES))
         return size * np.sin(2.0 * np.pi * TIMES / 40.0 + random.uniform(0.0, 6.3))
 
-    found = searched(6, amplitude, RUNS, find_wandering)
+    found = searched(6, amplitude, RUNS, find_aperiodic)
     assert found is not None
     assert not found.periodic
     assert found.left_out_gain > 4.0
     assert 0.5 * size < found.size / np.sqrt(0.45) < 1.6 * size
     assert [factor.shape for factor in found.factors] == [(TIMES.size, 24)] * RUNS
-    assert searched(6, amplitude, 2, find_wandering) is None
-    half = searched(6, amplitude, 3, find_wandering)  # of the six that test it
+    assert searched(6, amplitude, 2, find_aperiodic) is None
+    half = searched(6, amplitude, 3, find_aperiodic)  # of the six that test it
     assert size < 1.0 or (half is not None and half.left_out_gain > 0.0)
 
 
 def test_noise_does_not_wander():
-    gains = [searched(seed, lambda _: 0.0 * TIMES, RUNS, find_wandering) for seed in range(40, 55)]
+    gains = [searched(seed, lambda _: 0.0 * TIMES, RUNS, find_aperiodic) for seed in range(40, 55)]
     assert all(item is None or item.left_out_gain <= 0.0 for item in gains)
 
 
 def test_the_root_of_a_wandering_amplitude_is_that_of_its_covariance():
     seconds = [TIMES[:20], TIMES[:24] + 3.0]
-    first, second = wandering_roots(seconds, 2.5)
+    first, second = aperiodic_roots(seconds, 2.5)
     assert (first.shape, second.shape) == ((20, 20), (24, 20))
     first = first @ first.T
     wanted = np.exp(-np.abs(TIMES[:20, None] - TIMES[None, :20]) / 2.5)

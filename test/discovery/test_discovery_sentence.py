@@ -27,8 +27,8 @@ def test_a_law_is_said_with_place_size_and_rivals():
     assert law_sentence(KINDS['push'], PLACE, terms, ('bump',)) == (
         'A force pushes the arm along its normal, at 0.62 of its length (± 0.02): the force is '
         'constant and depends on the pressure (0.05 N - 2e-07 N/Pa x p). These recordings cannot '
-        'distinguish it from bump (the free shape of a short stretch of the arm changes). This is a '
-        'proposal until other recordings confirm it.'
+        'distinguish it from bump (the free shape of a short stretch of the arm changes). This is '
+        'a proposal until other recordings confirm it.'
     )
 
 

@@ -116,6 +116,6 @@ def test_a_course_of_its_own_is_sought_only_where_nothing_is_named(monkeypatch, 
         searched, 'starting_point', lambda item: base if answer == 'unknown' else named
     )
     monkeypatch.setattr(searched, 'look_for_law', lambda *_: (law, None))
-    monkeypatch.setattr(searched, 'consider_wandering', lambda *_: course)
+    monkeypatch.setattr(searched, 'consider_aperiodic', lambda *_: course)
     monkeypatch.setattr(searched, 'Search', lambda *_: SimpleNamespace(suspects=list))
     assert bool(searched.discover(investigation).notes) is asked

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.estimation.persistent_errors import (
+    equivalent_frames,
     FEWEST_FRAMES,
     FrameEvidence,
-    frames_as_one,
     KeptFrames,
     PERSISTENCE,
     persistent_errors,
     PersistentErrors,
     READINGS,
-    tip_off,
+    tip_displacement_of,
 )
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
@@ -190,10 +190,10 @@ def test_too_few_frames_tell_nothing():
 
 def test_independent_scores_are_no_repetition():
     random = np.random.default_rng(4)
-    alone = [frames_as_one(random.standard_normal((200, 4))) for _ in range(20)]
+    alone = [equivalent_frames(random.standard_normal((200, 4))) for _ in range(20)]
     assert np.mean(alone) < 1.3
     wave = np.repeat(random.standard_normal((20, 4)), 10, axis=0)
-    assert frames_as_one(wave) > 4.0
+    assert equivalent_frames(wave) > 4.0
 
 
 def test_frames_are_kept_evenly_however_long_a_recording_is():
@@ -214,6 +214,6 @@ def test_a_tip_without_stated_errors_is_outside_of_them_where_anything_moves_it(
     still[READINGS:, 0] = size
     exact = replace(frame, tip_errors=still, tip_covariance=np.zeros((2, 2)))
     columns = len(still) - READINGS
-    square, outside = tip_off(exact, np.ones(columns), np.zeros((columns, columns)))
+    square, outside = tip_displacement_of(exact, np.ones(columns), np.zeros((columns, columns)))
     assert square == pytest.approx((columns * size) ** 2)
     assert outside == float(size > 0.0)

@@ -17,7 +17,7 @@ from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.exploration import exploration
 from pneunet_ros.exploration.choice import (
-    allowed,
+    allowed_experiments,
     choice_in_order,
     pair_divergences,
     ranked_choices,
@@ -76,8 +76,8 @@ def test_the_safe_set_of_a_model_is_what_it_was_calibrated_to():
 def test_no_experiment_leaves_the_loads_of_the_calibration():
     """Forces of the size of the largest, in other directions, were up to 28 % beyond them."""
     safe = SafeSet.of(MODEL)
-    assert len(allowed(safe)) == 18
-    for item in allowed(safe):
+    assert len(allowed_experiments(safe)) == 18
+    for item in allowed_experiments(safe):
         for _, pressure, x, y in safe.corners(item).tolist():
             assert not solve(MODEL, pressure, (x, y)).extrapolated
 
@@ -103,7 +103,7 @@ def test_an_arm_loaded_the_other_way_at_some_pressures_is_loaded_that_way_at_the
     """No experiment under load was left."""
     model = calibrated_to((*force, 20e3), (*force, 60e3))
     safe = SafeSet.of(model)
-    loaded = [item for item in allowed(safe) if item.loaded]
+    loaded = [item for item in allowed_experiments(safe) if item.loaded]
     assert len(loaded) == 4
     for item in loaded:
         corners = safe.corners(item)
@@ -114,7 +114,7 @@ def test_an_arm_loaded_the_other_way_at_some_pressures_is_loaded_that_way_at_the
 
 def test_that_no_experiment_has_a_load_is_said():
     safe = SafeSet.of(calibrated_to(*([0.2, 0.05, end] for end in MODEL.pressure_range)))
-    assert not any(item.loaded for item in allowed(safe))
+    assert not any(item.loaded for item in allowed_experiments(safe))
     assert 'without a load' in safe_sentence(safe)
     assert 'without a load' not in safe_sentence(SAFE)
 

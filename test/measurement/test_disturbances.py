@@ -11,7 +11,7 @@ from pneunet_ros.measurement.disturbances import (
     camera_path,
     disturbance_jacobian,
     Disturbances,
-    painted,
+    painted_points,
     PATH_NODES,
     RUN_UNKNOWNS,
     tilt_jacobian,
@@ -83,7 +83,7 @@ def test_targets_answer_to_disturbances():
     parameters = RANDOM.standard_normal(disturbances.prior.shape[0])
     own = disturbances.of_run(1)
     curvature = 20.0 * RANDOM.standard_normal((17, targets))
-    nowhere = painted(theta, curvature, np.zeros(own.size))
+    nowhere = painted_points(theta, curvature, np.zeros(own.size))
     found = disturbance_jacobian(run, nowhere) @ parameters[own]
     camera_alone = camera_path(run, parameters[own])
     along, across = parameters[:targets], parameters[targets : 2 * targets]
@@ -103,7 +103,7 @@ def test_a_run_of_one_frame_has_a_place():
     arm = paper_arm()
     run = made(arm, np.array([2e4]))
     straight = np.zeros((1, arm.target_arclength.size))
-    targets = painted(straight, straight, np.zeros(2 * straight.size + RUN_UNKNOWNS))
+    targets = painted_points(straight, straight, np.zeros(2 * straight.size + RUN_UNKNOWNS))
     answer = disturbance_jacobian(run, targets)
     assert answer[0, 0, 0, -RUN_UNKNOWNS:].sum() == 1.0
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.diagnosis.fit import reading_noise
 from pneunet_ros.diagnosis.fit.linearization import KnownInputs
-from pneunet_ros.diagnosis.fit.reading_noise import with_more_noise, with_reading_noise
+from pneunet_ros.diagnosis.fit.reading_noise import double_reading_noise, with_reading_noise
 from pneunet_ros.diagnosis.fit.refit import Refit
 from support.lab_designs import asked, fitted
 
@@ -40,7 +40,7 @@ def test_a_play_is_known_less_well_the_noisier_the_sensor(monkeypatch):
 
 def test_noise_of_the_frames_own_readings_is_not_added_again():
     linearization = fitted('hysteresis', 'hysteresis').linearization
-    moved = with_more_noise(linearization, np.random.default_rng(3))
+    moved = double_reading_noise(linearization, np.random.default_rng(3))
     base = linearization.point
     without = replace(base, effects=()).arm
     before, after = (item.known_inputs.of(without) for item in (linearization, moved))

@@ -13,7 +13,12 @@ from pneunet_ros.fusion.belief import first_belief
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.readings import path_of, PressureInstant
 from pneunet_ros.measurement.blocks.motion import Motion as Block
-from pneunet_ros.measurement.moving_arm import follow_reading, go_between, MovingState, rates_about
+from pneunet_ros.measurement.moving_arm import (
+    advance_between_readings,
+    follow_reading,
+    MovingState,
+    rates_about,
+)
 from pneunet_ros.measurement.swinging_arm import ERRORS, Reference
 from pneunet_ros.model.equilibrium import linearize_shape
 from pneunet_ros.model.motion import Motion
@@ -112,7 +117,9 @@ def test_a_wrong_force_pulls_the_arm_as_the_chain_is_pulled(swing):
         state.state[Q] = np.array([swing, 0.0]) - onto @ (after.heading - links.heading)
         there = MovingState(stamp_ns=0, links=after, swing=state, turned=np.zeros(LINKS))
         stamp_ns = round(seconds * 1e9)
-        there = go_between(there, stamp_ns, after, moving.masses, DAMPING_TIME, moving.modes)
+        there = advance_between_readings(
+            there, stamp_ns, after, moving.masses, DAMPING_TIME, moving.modes
+        )
         place = there.swing.state[Q] + onto @ (after.heading - links.heading)
         return np.concatenate([place, there.swing.state[1]])
 
@@ -190,7 +197,9 @@ def test_a_pressure_that_returns_between_two_stamps_moves_the_arm():
     reference = replace(reference_at(solution, known.mean), turning=turning)
     _, _, told = chain.advance((known, reference, 0), known, solution, 2 * half_ns, path)
     there = MovingState(stamp_ns=0, links=links, swing=at_rest(2), turned=np.zeros(LINKS))
-    there = go_between(there, half_ns, bent, moving.masses, DAMPING_TIME, moving.modes)
+    there = advance_between_readings(
+        there, half_ns, bent, moving.masses, DAMPING_TIME, moving.modes
+    )
     _, true = follow_reading(
         there, 2 * half_ns, solution.for_kernels(), moving.masses, DAMPING_TIME, moving.modes
     )

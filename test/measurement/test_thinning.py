@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.dataset import RecordingData, thin_runs
 import pytest
 
 FRAMES, MOVING = 4000, 400
@@ -37,7 +37,7 @@ def resting() -> np.ndarray:
 
 
 def test_half_of_the_frames_show_what_acts_for_a_tenth_of_the_time():
-    (few,) = thinned([run(resting())], 100)
+    (few,) = thin_runs([run(resting())], 100)
     assert 95 <= len(few.stamp_ns) <= 100
     moving = np.count_nonzero(np.abs(few.stamp_ns / SECOND - 2200) < 201)
     assert 45 <= moving <= 60
@@ -46,14 +46,14 @@ def test_half_of_the_frames_show_what_acts_for_a_tenth_of_the_time():
 
 def test_half_of_the_frames_are_shared_by_length_and_half_equally():
     every = [run(resting()), run(resting()[:1000])]
-    assert thinned(every, 5000) == every
-    long, short = (len(item.stamp_ns) for item in thinned(every, 500))
+    assert thin_runs(every, 5000) == every
+    long, short = (len(item.stamp_ns) for item in thin_runs(every, 500))
     assert long == pytest.approx(325, abs=1)
     assert short == pytest.approx(175, abs=1)
 
 
 def test_a_short_recording_beside_a_long_film_keeps_all_frames():
-    long, short = thinned([run(resting()), run(resting()[2000:2020])], 200)
+    long, short = thin_runs([run(resting()), run(resting()[2000:2020])], 200)
     assert np.array_equal(short.stamp_ns, SECOND * np.arange(1, 21))
     assert 170 <= len(long.stamp_ns) <= 180
 
@@ -61,11 +61,11 @@ def test_a_short_recording_beside_a_long_film_keeps_all_frames():
 def test_what_short_recordings_leave_of_their_shares_goes_to_the_long_one():
     """Of 4060 frames where 4000 were allowed, 3040 were kept."""
     every = [run(np.full(FRAMES, 2e4)), *(run(np.full(20, 2e4)) for _ in range(3))]
-    assert [len(item.stamp_ns) for item in thinned(every, FRAMES)] == [3940, 20, 20, 20]
+    assert [len(item.stamp_ns) for item in thin_runs(every, FRAMES)] == [3940, 20, 20, 20]
 
 
 def test_frames_in_no_order_and_those_on_which_nothing_acts_are_thinned_evenly():
     for item in (run(np.full(FRAMES, 2e4)), replace(run(resting()), static=True)):
-        (few,) = thinned([item], 101)
+        (few,) = thin_runs([item], 101)
         apart = np.diff(few.stamp_ns) / SECOND
         assert apart.max() - apart.min() <= 1.0

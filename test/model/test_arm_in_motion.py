@@ -25,7 +25,7 @@ from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import noiseless, Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.measurement.moving_arm import go_between, MovingState, rates_about
+from pneunet_ros.measurement.moving_arm import advance_between_readings, MovingState, rates_about
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.moment_law import LinearLaw
@@ -456,7 +456,9 @@ def test_what_gravity_shows_of_a_turn_goes_on_through_loads_between_readings():
     )
     state = replace(turned, links=links._replace(turn_rate=np.nan), turning=turned)
     there, alone = (
-        go_between(one, PERIOD_NS, links._replace(turn_rate=rate), masses, DAMPING_TIME, modes)
+        advance_between_readings(
+            one, PERIOD_NS, links._replace(turn_rate=rate), masses, DAMPING_TIME, modes
+        )
         for one, rate in ((state, np.nan), (turned, 0.7))
     )
     assert there.turning is not None

@@ -26,7 +26,7 @@ from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.string_load import tips_of, with_string
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.equilibrium import tip_jacobian
-from pneunet_ros.model.string import follows_tip, solve_string, String
+from pneunet_ros.model.string import solve_string, String, tip_amplification
 from pneunet_ros.offline.film import FilmedRun, record_film
 from pneunet_ros.offline.film import with_string as film_with_string
 from pneunet_ros.recordings.dataset_reader import read_run
@@ -92,7 +92,7 @@ def test_its_jacobian_is_that_of_the_arm_with_its_string(arm):
     string, pressure, step = String(tension=0.1, x=EYE[0], y=EYE[1]), 40e3, 10.0
     shape = solve_string(arm, pressure, string)
     jacobian = tip_jacobian(arm, shape)
-    found = follows_tip(string, np.array(shape.tip), jacobian) @ jacobian
+    found = tip_amplification(string, np.array(shape.tip), jacobian) @ jacobian
     sides = [solve_string(arm, pressure + sign * step, string).tip for sign in (-1.0, 1.0)]
     assert found[:, 0] == pytest.approx((np.array(sides[1]) - sides[0]) / (2 * step), rel=1e-5)
     force = 1e-4

@@ -42,7 +42,7 @@ from pneunet_ros.nodes.gripper.configuration import (  # noqa: E402
 from pneunet_ros.nodes.gripper.node import GripperNode  # noqa: E402
 from pneunet_ros.nodes.load_shedding import LoadShedding, MOST_WAITING  # noqa: E402
 from pneunet_ros.nodes.sensor_description import OtherDescriptions  # noqa: E402
-from pneunet_ros.nodes.virtual_gripper.configuration import played_gripper  # noqa: E402
+from pneunet_ros.nodes.virtual_gripper.configuration import simulated_gripper  # noqa: E402
 from pneunet_ros.nodes.virtual_gripper.node import VirtualGripperNode  # noqa: E402
 from sensor_msgs.msg import FluidPressure, JointState  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -422,11 +422,11 @@ def test_mounts_are_of_all_arms_or_of_none():
     assert arms_of(GripperSettings(), {})[1] is None
     with refused(RequestError, 'missing'):
         arms_of(GripperSettings(), {'left.mount': MOUNTED['left.mount']})
-    played, frames = played_gripper([], '/hand/gripper')
+    played, frames = simulated_gripper([], '/hand/gripper')
     assert set(played.mounts) == set(ARMS)
     assert frames == {arm: f'{arm}_base' for arm in ARMS}
     with refused(RequestError, 'missing'):
-        played_gripper([share_path('config/fusion.yaml')], '/hand/gripper')
+        simulated_gripper([share_path('config/fusion.yaml')], '/hand/gripper')
 
 
 class Hand(Peer):

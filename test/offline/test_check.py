@@ -11,7 +11,7 @@ import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.cli.verbs.check import range_lines, sync_lines
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.steady_states import held_spans
+from pneunet_ros.measurement.steady_states import hold_intervals
 from pneunet_ros.offline.check import check_recording
 from pneunet_ros.offline.uses import UseRequest
 from pneunet_ros.recordings.recording import open_recording
@@ -203,14 +203,14 @@ def test_holds_are_found_in_noise():
     dice = np.random.default_rng(3)
     stairs = np.interp(np.arange(1000), [0, 300, 400, 700, 800, 999], [0, 0, 5e3, 5e3, 9e3, 9e3])
     values = np.column_stack([stairs + 30.0 * dice.normal(size=1000)])
-    spans = held_spans(stamps, values, np.array([300.0]))
+    spans = hold_intervals(stamps, values, np.array([300.0]))
     assert len(spans) == 3
     np.testing.assert_allclose(spans, [[0, 300], [400, 700], [800, 999]], atol=8)
     # A second quantity that moves ends a hold.
     pushed = np.column_stack([stairs, np.where(np.arange(1000) < 500, 0.0, 0.1)])
-    assert len(held_spans(stamps, pushed, np.array([300.0, 0.02]), 0.9)) == 4
-    assert held_spans(stamps[:0], values[:0], np.array([300.0])) == []
-    assert held_spans(stamps[:1], values[:1], np.array([300.0])) == []
+    assert len(hold_intervals(stamps, pushed, np.array([300.0, 0.02]), 0.9)) == 4
+    assert hold_intervals(stamps[:0], values[:0], np.array([300.0])) == []
+    assert hold_intervals(stamps[:1], values[:1], np.array([300.0])) == []
 
 
 def test_shipped_recordings(capsys):

@@ -29,8 +29,8 @@ from pneunet_ros.reports.diagnosis.first_screen import (
     evidence_bars,
     missing_sentence,
 )
-from pneunet_ros.reports.diagnosis.localization_figures import borders, maps, shares
-from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
+from pneunet_ros.reports.diagnosis.localization_figures import borders, misfit_maps, shares
+from pneunet_ros.reports.diagnosis.loop_figures import directions_of, moment_loops
 from pneunet_ros.reports.diagnosis.report import Given, report_page
 from pneunet_ros.reports.diagnosis.tables import (
     adequacy_table,
@@ -287,7 +287,7 @@ def test_without_held_out_recordings_it_is_said(coarse):
 
 def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     found, training, held_out = diagnosis()
-    monkeypatch.setitem(FIGURES, 'where', (maps, shares))
+    monkeypatch.setitem(FIGURES, 'where', (misfit_maps, shares))
     nothing = replace(
         found, answer='none', effects=(), alternatives=(), after=found.before, evidence=(),
         heat_maps=(), cosines={}, shift={}, closed=None, proposal='', notes=(),
@@ -345,8 +345,8 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
     alone = replace(found, before=tip(found.before), after=tip(found.after), heat_maps=some)
     data = FigureData(diagnosis=alone, training=(), held_out=runs)
     assert errors_along_arm(data) is not None
-    assert maps(data).png
-    assert loops(data) is None
+    assert misfit_maps(data).png
+    assert moment_loops(data) is None
     empty = tuple(
         replace(item, error=np.full_like(item.error, np.nan), rms=math.nan)
         for item in found.before.held_out_scores

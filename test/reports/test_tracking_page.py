@@ -11,7 +11,7 @@ import re
 
 import cv2
 import numpy as np
-from pneunet_ros.cli.track_preview import typed
+from pneunet_ros.cli.track_preview import given_options
 from pneunet_ros.core.outcome import drop
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.shape_error import Centerlines
@@ -73,8 +73,8 @@ def test_the_verdict_says_how_many_frames_and_what_next(steps):
 def test_the_command_that_is_next_names_the_arm_and_the_lens(steps):
     page = collected([step for step in steps if not step.outcome.reason])
     given = Namespace(model=Path('my arm.yaml'), camera_info='none', clamp_pixel=None)
-    page.arm_options = typed(given, 'model')
-    page.image_options = typed(given, 'camera_info', 'clamp_pixel')
+    page.arm_options = given_options(given, 'model')
+    page.image_options = given_options(given, 'camera_info', 'clamp_pixel')
     assert '--model &#39;my arm.yaml&#39;' in page.html('o.mcap')
     track = '--model &#39;my arm.yaml&#39; --camera-info none --output TRACKED.mcap'
     assert track in page.html('')

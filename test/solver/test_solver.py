@@ -570,9 +570,9 @@ def test_kept_kernels_take_their_places_where_one_of_them_is_lost(tmp_path, fore
     assert run_toy(toy, foreign_environment, program) == ('6.0', 'CPUDispatcher')
     for file in (tmp_path / 'cache').rglob('whole.whole-*.nbc'):
         file.unlink()
-    answer_first = 'from toy.core.kernels import jit; jit.answer_first()\n'
+    use_plain_python = 'from toy.core.kernels import jit; jit.use_plain_python()\n'
     take_over = program.replace(' print', ' jit.use_compiled(); print')
-    found = run_toy(toy, foreign_environment, answer_first + take_over)
+    found = run_toy(toy, foreign_environment, use_plain_python + take_over)
     assert found == ('6.0', 'CPUDispatcher')
 
 

@@ -25,8 +25,8 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
-from pneunet_ros.measurement.dataset import CHANCE, RecordingData, SIGMA_OF_MEDIAN, thinned
-from pneunet_ros.measurement.inputs import in_time
+from pneunet_ros.measurement.dataset import CHANCE, RecordingData, SIGMA_OF_MEDIAN, thin_runs
+from pneunet_ros.measurement.inputs import runs_in_order
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.moving_arm import WITHIN_95
 from pneunet_ros.model.arm import Arm
@@ -215,7 +215,7 @@ def frames_in_motion(runs: Sequence[RecordingData], arm: Arm) -> FramesInMotion 
     unchecked = [np.full(len(run.stamp_ns), not run.static) for run in runs]
     for which, (course, vibration) in enumerate(zip(courses, vibrations, strict=True)):
         if course is not None:  # a load changes the vibration
-            rest, checked = at_rest(course, vibration or common, noise)
+            rest, checked = frames_at_rest(course, vibration or common, noise)
             moving[which][course.frame] = checked & ~rest
             unchecked[which][course.frame] = ~checked
     if not any(flags.any() for flags in moving):
@@ -253,7 +253,7 @@ def frames_kept(
     runs = list(itertools.chain(*groups))
     found = [part_kept(run, flags, noise) for run, flags in zip(runs, kept, strict=True)]
     lost = tuple(run.name for run, part in zip(runs, found, strict=True) if part is None)
-    parts = iter(with_earlier_pressures(runs, found))
+    parts = iter(prepend_earlier_pressures(runs, found))
     return [[part for _ in group if (part := next(parts)) is not None] for group in groups], lost
 
 
@@ -266,12 +266,12 @@ def part_kept(run: RecordingData, flags: Flags, noise: SensorNoise) -> Recording
     return None if lost else part
 
 
-def with_earlier_pressures(
+def prepend_earlier_pressures(
     runs: Sequence[RecordingData], kept: Sequence[RecordingData | None]
 ) -> list[RecordingData | None]:
     """Prepend the pressures of dropped runs (None) to the next run that is kept."""
     found, lost = [*kept], list[RecordingData]()
-    for which, goes_on in in_time(runs):
+    for which, goes_on in runs_in_order(runs):
         part, lost = kept[which], lost if goes_on else []
         if part is None:
             lost.append(runs[which])
@@ -288,7 +288,7 @@ def with_earlier_pressures(
     return found
 
 
-def checked_at_rest(
+def check_runs_at_rest(
     unloaded: Sequence[RecordingData],
     loaded: Sequence[RecordingData],
     arm: Arm,
@@ -302,7 +302,7 @@ def checked_at_rest(
     """
 
     def check(unloaded: Sequence[RecordingData], loaded: Sequence[RecordingData]) -> None:
-        few = thinned([*unloaded, *loaded], EXPERIMENTS.most_frames)
+        few = thin_runs([*unloaded, *loaded], EXPERIMENTS.most_frames)
         check_runs(few[: len(unloaded)], few[len(unloaded) :], arm, first=first, declared=declared)
 
     kept, motion = without_motion(arm, unloaded, loaded)
@@ -390,11 +390,11 @@ def vibration_of(
     by_noise = -NormalDist().inv_cdf(chance / len(found)) * GAIN_STD
     if not gain > by_noise * math.sqrt(count):
         return None
-    vibration = refined(courses, best)
+    vibration = refine_vibration(courses, best)
     return vibration if vibration.rate <= RATIOS[-1] * vibration.frequency else None
 
 
-def refined(courses: Sequence[TargetMotion], first: Vibration) -> Vibration:
+def refine_vibration(courses: Sequence[TargetMotion], first: Vibration) -> Vibration:
     """Return a local optimum of the vibration, over the same windows."""
     from scipy.optimize import minimize  # slow to import, and needed only if an arm swings
 
@@ -443,7 +443,7 @@ def linear_windows(courses: Sequence[TargetMotion], seconds: float) -> list[Wind
         if not first.size:
             continue
         step = max(int(np.median(count)) // 2, first.size // MOST_WINDOWS, 1)
-        for indices in by_count(first[::step], count[::step]):
+        for indices in group_by_frame_count(first[::step], count[::step]):
             time = course.time[indices] - course.time[indices[:, :1]]
             line = np.stack([np.ones_like(time), time / seconds], axis=-1)
             drive_rms = np.sqrt(np.mean(residual_of(line, course.drives[indices]) ** 2, axis=1))
@@ -455,7 +455,7 @@ def linear_windows(courses: Sequence[TargetMotion], seconds: float) -> list[Wind
     return found
 
 
-def by_count(first: Indices, count: Indices) -> Iterator[Indices]:
+def group_by_frame_count(first: Indices, count: Indices) -> Iterator[Indices]:
     """Yield the frame indices (windows, frames) of all windows with equally many frames."""
     for frames in np.unique(count):
         yield first[count == frames, None] + np.arange(frames)
@@ -500,7 +500,9 @@ def residual_of(columns: Array, values: Array) -> Array:
     return np.asarray(values - basis @ (basis.transpose(0, 2, 1) @ values))
 
 
-def at_rest(course: TargetMotion, vibration: Vibration, noise: float) -> tuple[Flags, Flags]:
+def frames_at_rest(
+    course: TargetMotion, vibration: Vibration, noise: float
+) -> tuple[Flags, Flags]:
     """Return the frames (n,) of an arm that stays in equilibrium, and the frames checked.
 
     A frame is at rest if, in one window of a period before, around or after it, the vibration is
@@ -512,7 +514,7 @@ def at_rest(course: TargetMotion, vibration: Vibration, noise: float) -> tuple[F
     first, count = course.windows(vibration.period, PERIODS * vibration.period)
     for begin in range(0, first.size, MOST_WINDOWS):
         part = slice(begin, begin + MOST_WINDOWS)
-        for indices in by_count(first[part], count[part]):
+        for indices in group_by_frame_count(first[part], count[part]):
             time = course.time[indices] - course.time[indices[:, :1]]
             columns, coordinates = vibration.columns(time), course.coordinates[indices]
             coefficients = np.linalg.pinv(columns) @ coordinates

@@ -127,13 +127,13 @@ def leave_levels_out(
         predicted, full_prediction = (
             tip_of(fit, pressure_out)[is_angle] for fit in (fitted, full)
         )
-        arc = interpolated(pressure[kept], curvature[kept], pressure_out)
+        arc = monotone_interpolation(pressure[kept], curvature[kept], pressure_out)
         if is_angle:
             heading_error = heading_residual(turn[is_left_out], predicted.real - arm.clamp_angle)
             predicted_errors = heading_error, measured_out - arc * arm.reach
         else:
             predicted_errors = measured_out - predicted, measured_out - arc_tip(arm, arc)
-        interpolation_error = measured_out - interpolated(
+        interpolation_error = measured_out - monotone_interpolation(
             pressure[kept], measured[kept], pressure_out
         )
         for name, error in zip(errors, (*predicted_errors, interpolation_error), strict=True):
@@ -177,10 +177,10 @@ def without_frames(runs: Sequence[RecordingData], left_out: Array) -> list[Recor
     return kept
 
 
-def interpolated(pressure: Array, values: Array, at: Array) -> Array:
+def monotone_interpolation(pressure: Array, values: Array, at: Array) -> Array:
     """Interpolate the means of values between pressures by a monotone cubic."""
     if np.iscomplexobj(values):
-        x, y = (interpolated(pressure, part, at) for part in (values.real, values.imag))
+        x, y = (monotone_interpolation(pressure, part, at) for part in (values.real, values.imag))
         return x + 1j * y
     step = SAME_LEVEL * float(np.ptp(pressure)) or 1.0
     levels, level_of = np.unique(np.round(pressure / step), return_inverse=True)

@@ -130,7 +130,7 @@ def check_loads(run: RecordingData, arm: Arm) -> None:
 
 def check_bending(runs: Sequence[RecordingData], arm: Arm) -> None:
     """Raise RecordingError if the targets do not move under any load."""
-    if motion(runs, arm.reach) < SMALLEST_MOTION * arm.length:
+    if tip_travel(runs, arm.reach) < SMALLEST_MOTION * arm.length:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they cannot determine the moment '
             'law; change the pressure or the load, within a recording or from one to the next',
@@ -164,12 +164,12 @@ def check_pressures(
     tolerance = same_pressure(arm)
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = names_of(unloaded)
-    largest_motion = max(motion([run], arm.reach) for run in unloaded)
+    largest_motion = max(tip_travel([run], arm.reach) for run in unloaded)
     if declared is not None:
         bends = largest_motion > BENDING_MOTION * arm.length
         check_meaning(unloaded, declared, arm, moves=bends)
     for run in unloaded:
-        moves = motion([run], arm.reach)
+        moves = tip_travel([run], arm.reach)
         is_constant = np.ptp(run.frame_pressure) < tolerance
         if is_constant and moves > HANGING_MOTION * arm.length:
             raise RecordingError(
@@ -187,7 +187,7 @@ def check_pressures(
             reason='one_pressure',
         )
     least = SMALLEST_MOTION * arm.length
-    if largest_motion < least and motion(unloaded, arm.reach) < least:
+    if largest_motion < least and tip_travel(unloaded, arm.reach) < least:
         raise RecordingError(
             f'{names}: the targets hardly move although the pressure changes; do the target '
             'topic and the pressure topic belong to the same arm?',
@@ -346,7 +346,7 @@ def describe_clamp(runs: Sequence[RecordingData], arm: Arm) -> tuple[Note, ...]:
     )
 
 
-def motion(runs: Sequence[RecordingData], reach: float) -> float:
+def tip_travel(runs: Sequence[RecordingData], reach: float) -> float:
     """Return the travel (m) of the last target ever seen, over all recordings.
 
     reach (m) of the arm. If only the heading of the tip is known, the travel is half the arc

@@ -22,7 +22,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.inertia import Inertia
-from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.dataset import RecordingData, thin_runs
 from pneunet_ros.measurement.moving_arm import unloaded_modes, WITHIN_95
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.motion import Motion
@@ -73,7 +73,7 @@ class MotionFit:
         """The result as a sentence, with the objection to it, if any."""
         return f'{self.sentence}; but {self.objection}' if self.objection else self.sentence
 
-    def applied_to(self, arm: Arm) -> Arm:
+    def apply_to(self, arm: Arm) -> Arm:
         """Return an arm with the fitted motion."""
         moving = arm.with_motion(self.motion)
         return replace(moving, sources={**arm.sources, 'motion': self.described})
@@ -107,7 +107,7 @@ def fit_motion(
     Raises:
         RequestError: the arm hardly swings in the recordings, or no tip mass explains its motion.
     """
-    runs = thinned(runs, EXPERIMENTS.most_frames)
+    runs = thin_runs(runs, EXPERIMENTS.most_frames)
     problem = motion_problem(arm, runs)
     start = problem.best_of_scan() if start_motion is None else problem.parameters_of(start_motion)
     problem, fitted = search_released(problem, runs, start, perturbed_arms)

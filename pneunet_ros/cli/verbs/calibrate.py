@@ -99,7 +99,7 @@ def run(arguments: Namespace) -> int:
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(verb.PAPER_ARM))
     frame = verb.with_gravity(frame, arguments)
-    frame, earlier, known = continued(frame, arguments.earlier)
+    frame, earlier, known = load_earlier_calibration(frame, arguments.earlier)
     check_outputs(arguments)
     check_recordings((*arguments.unloaded, *arguments.loaded, *arguments.motion))
     given = inputs_of((('unloaded', arguments.unloaded), ('loaded', arguments.loaded)))
@@ -147,16 +147,16 @@ def run(arguments: Namespace) -> int:
     return verb.DONE if summary['verdict']['fits'] else verb.NEGATIVE
 
 
-def continued(
+def load_earlier_calibration(
     frame: Arm, earlier: Path | None
 ) -> tuple[Arm, PosteriorState | None, list[dict[str, str]]]:
     """Return the arm in the domain of an earlier calibration, its posterior, and its inputs."""
-    from pneunet_ros.offline.calibration_files import fitted_in, load_knowledge
+    from pneunet_ros.offline.calibration_files import fitted_recordings, load_knowledge
 
     if earlier is None:
         return frame, None, []
     posterior, before = load_knowledge(earlier), load_model(earlier)
-    return replace(frame, domain=before.domain), posterior, fitted_in(before)
+    return replace(frame, domain=before.domain), posterior, fitted_recordings(before)
 
 
 def write_requested_report(
@@ -207,7 +207,7 @@ def with_fitted_motion(
         fit = fit_motion(arm, runs)
     except RequestError as error:
         return arm, None, f'the model has no motion: {error}'
-    return fit.applied_to(arm), fit, fit.described
+    return fit.apply_to(arm), fit, fit.described
 
 
 def files_of(arguments: Namespace) -> Files:

@@ -7,7 +7,12 @@ import gc
 import time
 
 from pneunet_ros.cli import verb
-from pneunet_ros.core.kernels.cache import alone, cache_folder, kernels_kept, note_kept
+from pneunet_ros.core.kernels.cache import (
+    cache_folder,
+    compilation_lock,
+    kernels_are_cached,
+    write_marker_file,
+)
 
 
 def options(parser: ArgumentParser) -> None:
@@ -17,8 +22,8 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Compile the missing kernels."""
     start = time.process_time()
-    with alone(), verb.progress_bar(shown=not arguments.json) as bar:
-        already_compiled = kernels_kept()
+    with compilation_lock(), verb.progress_bar(shown=not arguments.json) as bar:
+        already_compiled = kernels_are_cached()
         if not already_compiled:
             # Imported only now, so that a process that waits for another one stays small.
             from pneunet_ros.offline.kernels import call_kernels
@@ -30,7 +35,7 @@ def run(arguments: Namespace) -> int:
                     task, description=f'compiling {name}', completed=done, total=total
                 )
             )
-            note_kept()
+            write_marker_file()
     seconds = time.process_time() - start
     content = {'folder': cache_folder(), 'compiled': not already_compiled, 'cpu_seconds': seconds}
     text = f'compiled into {cache_folder()}: {seconds:.0f} s of CPU'

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.cli import verb
 from pneunet_ros.cli.fitted_table import print_rows
-from pneunet_ros.core.kernels.cache import kernels_kept
+from pneunet_ros.core.kernels.cache import kernels_are_cached
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
@@ -58,7 +58,7 @@ def run(arguments: Namespace) -> int:
         write_recording(mcap, overwrite=arguments.overwrite) as writer,
         verb.progress_bar(shown=not arguments.json) as bar,
     ):
-        compiled = kernels_kept()
+        compiled = kernels_are_cached()
         if not compiled and not arguments.json:
             print(
                 'compiling the kernels of the demo (once only): about 10 s of CPU', file=sys.stderr

@@ -21,7 +21,7 @@ from pneunet_ros.estimation.shape_error import Tips
 from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS, TIP_POSE
 from pneunet_ros.offline.table_conversion import tabulate
-from pneunet_ros.recordings.recorded_gravity import mounted
+from pneunet_ros.recordings.recorded_gravity import with_imu_mounting
 from pneunet_ros.recordings.recorded_series import find_recorded, read_series
 from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
 from pneunet_ros.recordings.recording import open_recording, Recording
@@ -74,7 +74,7 @@ def run(arguments: Namespace) -> int:
     sentences = [*recording.sentences]
     tips = None
     with verb.reading_bar(shown=not arguments.json):
-        settings = mounted(recording, topics, verb.settings_of(arguments))
+        settings = with_imu_mounting(recording, topics, verb.settings_of(arguments))
         sentences += left_out(recording, topics, settings)
         if not topics and tip_topic is None:
             raise RecordingError(f'nothing to export: {sentences[-1]}', reason='wrong_frame')

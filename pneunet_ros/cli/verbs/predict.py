@@ -39,7 +39,7 @@ from pneunet_ros.model.equilibrium import (
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.pressure_search import pressure_for_force, pressure_for_tip
 from pneunet_ros.model.shape import Shape
-from pneunet_ros.model.string import follows_tip, solve_string
+from pneunet_ros.model.string import solve_string, tip_amplification
 from pneunet_ros.model.uncertainty import error_left_out
 from rich.console import Console
 
@@ -139,7 +139,7 @@ def run(arguments: Namespace) -> int:
             'give --pressure (e.g. 31kPa) or --pressure-for (e.g. tip 95mm 40mm)', reason='missing'
         )
     arm = verb.still_model_of(arguments)
-    prediction = predict(arm, solved(arm, arguments), arguments)
+    prediction = predict(arm, solve_requested(arm, arguments), arguments)
     shown = verb.units_of(arguments, arm, SHOWN_SI)
     verb.present(
         arguments,
@@ -149,11 +149,11 @@ def run(arguments: Namespace) -> int:
     return verb.DONE if prediction.shape.converged else verb.NEGATIVE
 
 
-def solved(arm: Arm, arguments: Namespace) -> Shape:
+def solve_requested(arm: Arm, arguments: Namespace) -> Shape:
     """Return the shape under the load, or with the tip held in place."""
     moment = arguments.moment or 0.0
     if arguments.pressure_for is not None:
-        arguments.pressure, shape = solved_for_pressure(arm, arguments)
+        arguments.pressure, shape = solve_for_pressure(arm, arguments)
         return shape
     pressure = arguments.pressure
     if arguments.tip:
@@ -166,10 +166,10 @@ def solved(arm: Arm, arguments: Namespace) -> Shape:
     return solve(arm, pressure, (force[0], force[1]), moment)
 
 
-def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
+def solve_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
     """Return the requested pressure as read by a sensor, NaN if there is none, and the shape."""
     try:
-        return searched(arm, arguments)
+        return search_pressure(arm, arguments)
     except RequestError as error:
         if error.reason not in ('no_equilibrium', 'not_reached'):
             raise
@@ -179,7 +179,7 @@ def solved_for_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
         return math.nan, failed_shape(arm, load, stations, str(error), math.nan, 0)
 
 
-def searched(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
+def search_pressure(arm: Arm, arguments: Namespace) -> tuple[float, Shape]:
     """Return the pressure and the shape found by the search; RequestError if there are none."""
     what, *numbers = arguments.pressure_for
     moment = arguments.moment or 0.0
@@ -219,7 +219,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
     estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
     if arguments.string and estimate is not None:
         thread = string_of('--string', arguments.string)
-        turned = follows_tip(thread, np.array(shape.tip), estimate.jacobian)
+        turned = tip_amplification(thread, np.array(shape.tip), estimate.jacobian)
         estimate = replace(
             estimate,
             jacobian=turned @ estimate.jacobian,

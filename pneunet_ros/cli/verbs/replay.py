@@ -84,7 +84,12 @@ def run(arguments: Namespace) -> int:
 
 def run_estimator(arguments: Namespace) -> int:
     """Replay a recording through the estimator and summarize."""
-    from pneunet_ros.cli.replaying import common_summary, judge, playing, refuse_readings
+    from pneunet_ros.cli.replaying import (
+        common_summary,
+        judge,
+        open_replay_output,
+        refuse_readings,
+    )
     from pneunet_ros.estimation.estimator import Estimator
     from pneunet_ros.messages.link_chain import JOINT_STATES
     from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
@@ -106,7 +111,7 @@ def run_estimator(arguments: Namespace) -> int:
     pressure = replay.topic_of_pressure(topics)
     views = (markers_output(lambda: arm), transform_output(TIP_FRAME), JOINT_STATES)
     start = time.perf_counter()
-    with playing(
+    with open_replay_output(
         arguments, recording, inputs, 'replaying', lambda step: tally.count(step, pressure)
     ) as (writer, on_progress):
         shown = views if arguments.views else ()

@@ -17,8 +17,8 @@ from pneunet_ros.cli.fitted_table import print_rows
 from pneunet_ros.cli.provenance import versions
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.executor import open_executor
-from pneunet_ros.core.paths import resolved
-from pneunet_ros.core.progress import say_nothing
+from pneunet_ros.core.paths import resolve_links
+from pneunet_ros.core.progress import ignore_progress
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
@@ -98,8 +98,8 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.reports.survey.report import REPLACEABLE
 
     started = time.perf_counter()
-    arm = resolved(arguments.arm or share_path(verb.PAPER_ARM))
-    fleet = read_fleet(resolved(arguments.source), arm)
+    arm = resolve_links(arguments.arm or share_path(verb.PAPER_ARM))
+    fleet = read_fleet(resolve_links(arguments.source), arm)
     verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     request = SurveyRequest(
         static=arguments.static,
@@ -108,7 +108,7 @@ def run(arguments: Namespace) -> int:
         seed=arguments.seed,
         effects_path=''
         if arguments.effects_path is None
-        else str(resolved(arguments.effects_path)),
+        else str(resolve_links(arguments.effects_path)),
     )
     folder = SurveyFolder(path=arguments.output, overwrite=arguments.overwrite)
     folder.check(REPLACEABLE)
@@ -234,7 +234,7 @@ class Survey:
             survey_page,
         )
 
-        pictures = draw_figures(FIGURES, data, say_nothing)
+        pictures = draw_figures(FIGURES, data, ignore_progress)
         content = survey_content(data, provenance)
         files = {
             PAGE: survey_page(data, pictures, provenance).encode(),

@@ -39,7 +39,7 @@ def cache_folder() -> Path:
     return Path(home) / 'pneunet_ros'
 
 
-def kept_file() -> Path:
+def marker_file() -> Path:
     """Return the marker file, which exists if all kernels are cached."""
     parts = [jit.sources(), platform.python_version(), processor()]
     for library in ('numba', 'llvmlite', 'numpy'):
@@ -61,16 +61,16 @@ def processor() -> str:
     return '\n'.join(dict.fromkeys(line for line in lines if line.startswith(wanted)))
 
 
-def kernels_kept() -> bool:
+def kernels_are_cached() -> bool:
     """Whether the kernels are cached or cannot be cached.
 
     Caching requires numba and a writable folder.
     """
-    return not jit.HAVE_NUMBA or kept_file().exists() or not may_keep()
+    return not jit.HAVE_NUMBA or marker_file().exists() or not cache_is_writable()
 
 
 @cache
-def may_keep() -> bool:
+def cache_is_writable() -> bool:
     """Whether there is a writable folder for kernels."""
     folder = cache_folder()
     try:
@@ -80,20 +80,20 @@ def may_keep() -> bool:
     return os.access(folder, os.W_OK)
 
 
-def note_kept() -> None:
+def write_marker_file() -> None:
     """Write the marker file, which states that the kernels are cached."""
-    kept_file().touch()
+    marker_file().touch()
 
 
 @contextmanager
-def alone() -> Iterator[None]:
+def compilation_lock() -> Iterator[None]:
     """Context manager: hold the lock for compiling these kernels; waits for other processes."""
     with lock_file().open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
-def being_compiled() -> bool:
+def is_compiling() -> bool:
     """Whether a process is compiling these kernels."""
     with lock_file().open('w') as file:
         try:
@@ -106,18 +106,18 @@ def being_compiled() -> bool:
 
 def lock_file() -> Path:
     """Return the lock file of the compiling process; creates its folder."""
-    file = kept_file().with_suffix('.lock')
+    file = marker_file().with_suffix('.lock')
     file.parent.mkdir(parents=True, exist_ok=True)
     return file
 
 
-def answer_first() -> None:
+def use_plain_python() -> None:
     """Run uncached kernels as plain Python; call before importing any kernel."""
-    if not kernels_kept():
-        jit.answer_first()
+    if not kernels_are_cached():
+        jit.use_plain_python()
 
 
-def compile_meanwhile() -> None:
+def compile_in_background() -> None:
     """Compile the kernels in the background, and use them as soon as they are cached.
 
     Another thread waits for the kernels and installs them. If compiling fails, plain Python
@@ -126,7 +126,7 @@ def compile_meanwhile() -> None:
 
     def take_over() -> None:
         wait_for_kernels()
-        if kernels_kept():
+        if kernels_are_cached():
             jit.use_compiled()
 
     if jit.is_waiting():
@@ -149,8 +149,8 @@ def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
     this process restarts it.
     """
     process = None
-    while not kernels_kept():
-        if not being_compiled():
+    while not kernels_are_cached():
+        if not is_compiling():
             if process is None:
                 process = start_compiling()
             elif process.poll() is not None:

@@ -3,9 +3,9 @@
 Both ways give the same numbers. Contraction to fused multiply-adds, and the order of sums in
 `summing` kernels, are the only relaxations of IEEE arithmetic: NaN remains NaN.
 
-A process that must respond at once calls `answer_first` before it imports any kernel. Kernels that
-are not cached then run as plain Python until `use_compiled` replaces them (`core.kernels.cache`
-compiles them meanwhile, in a separate process).
+A process that must respond at once calls `use_plain_python` before it imports any kernel. Kernels
+that are not cached then run as plain Python until `use_compiled` replaces them
+(`core.kernels.cache` compiles them meanwhile, in a separate process).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Waiting:
 WAITING = Waiting()
 
 
-def answer_first() -> None:
+def use_plain_python() -> None:
     """Run kernels imported after this call as plain Python until `use_compiled`."""
     WAITING.expected = HAVE_NUMBA
 

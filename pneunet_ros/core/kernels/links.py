@@ -15,7 +15,7 @@ import hashlib
 from pickle import UnpicklingError
 from typing import Any
 
-from pneunet_ros.core.interrupt import interrupted_afterwards
+from pneunet_ros.core.interrupt import defer_interrupts
 
 # The next line makes this file one of those that recompile the kernels (`jit.fingerprint`):
 # core.kernels.jit import
@@ -68,7 +68,7 @@ def linked_cache() -> Any:
             lost, and the loaded symbol is a null pointer.
             """
             try:
-                with interrupted_afterwards():
+                with defer_interrupts():
                     result = super()._load_overload(types, target_context)
             except (EOFError, KeyError, ValueError, UnpicklingError):
                 return None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.low_rank import covariance_root, low_rank, rounded
+from pneunet_ros.calibration.low_rank import covariance_root, low_rank, round_numbers
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.diagnosis.fit.hypothesis import Coordinate
@@ -56,11 +56,11 @@ def augment_model(refit: Refit, base: Fit) -> Arm:
     factor[: len(change), -count:] = change @ moved[:size]
     factor[len(names) :, -count:] = (slopes * stds / np.sqrt(np.diag(own)))[:, None] * root
     quantities = (*names, *(f'effects.{name}.{item.parameter}' for name, item, _ in numbers))
-    factor = rounded(factor)
+    factor = round_numbers(factor)
     finite = np.flatnonzero(np.isfinite(factor).all(axis=1))
     placement = covariance.placement
     if placement is not None:
-        with_effects = rounded(np.hstack([placement.factor, moved[size:]]))
+        with_effects = round_numbers(np.hstack([placement.factor, moved[size:]]))
         placement = replace(placement, factor=with_effects)
     return replace(
         arm,

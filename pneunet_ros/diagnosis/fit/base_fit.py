@@ -16,7 +16,7 @@ from pneunet_ros.calibration.settings import EXPERIMENTS, GAUGE_PASCALS
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.settings import BASE_FIT
-from pneunet_ros.measurement.dataset import RecordingData, thinned
+from pneunet_ros.measurement.dataset import RecordingData, thin_runs
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.model.arm import Arm
 
@@ -65,7 +65,7 @@ def checked_runs(
 
     RequestError or RecordingError if the recordings are unsuitable.
     """
-    fitted = thinned(training, EXPERIMENTS.most_frames)
+    fitted = thin_runs(training, EXPERIMENTS.most_frames)
     unloaded = [run for run in fitted if not run.loaded]
     loaded = [run for run in fitted if run.loaded]
     one_pressure = has_one_pressure(fitted, frame)

@@ -16,7 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.inputs import in_time, Inputs
+from pneunet_ros.measurement.inputs import Inputs, runs_in_order
 from pneunet_ros.model.arm import Arm
 
 PAST = 'past'  # stands for that over the second of the time constants
@@ -50,7 +50,7 @@ class Regressors:
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
         reached_by, highest = [run.pressure for run in runs], -np.inf
-        for which, goes_on in in_time(runs):
+        for which, goes_on in runs_in_order(runs):
             before = highest if goes_on else -np.inf
             reached_by[which] = np.maximum(np.maximum.accumulate(runs[which].pressure), before)
             highest = float(reached_by[which][-1])

@@ -49,7 +49,7 @@ class LawErrors:
         before = linearization.points(fit.point.arm, runs)
         parts: list[list[Array]] = [[] for _ in runs]
         for which in range(len(fit.hypotheses)):
-            smaller = replace(fit, numbers=smaller_numbers(fit, which, DIFFERENCE))
+            smaller = replace(fit, numbers=reduce_sizes(fit, which, DIFFERENCE))
             after = linearization.points(smaller.point.arm, runs)
             if before is None or after is None:
                 continue
@@ -61,7 +61,7 @@ class LawErrors:
         return cls(fields=fields)
 
 
-def smaller_numbers(fit: Refit, which: int, share: float) -> Array:
+def reduce_sizes(fit: Refit, which: int, share: float) -> Array:
     """Return the parameters of a fit with the sizes of one effect reduced by a share."""
     parts = split_numbers(fit.hypotheses, fit.numbers.copy())
     parts[which][fit.hypotheses[which].sizes] *= 1.0 - share
@@ -92,7 +92,8 @@ class OpenLaws:
         """Return the problem of a fit; blocks: the linearized runs; errors: of effects in them."""
         pairs = zip(blocks, errors.fields, strict=False)
         filters = tuple(
-            Whitening(1.0, independent(block.white_by_frame(field))) for block, field in pairs
+            Whitening(1.0, orthogonal_columns(block.white_by_frame(field)))
+            for block, field in pairs
         )
         filters = filters[: len(known.columns)]
         if not filters:
@@ -124,7 +125,7 @@ class OpenLaws:
         return self.gaussian.cost
 
 
-def independent(columns: Array) -> Array:
+def orthogonal_columns(columns: Array) -> Array:
     """Return nonzero orthogonal columns (rows, n) with the same covariance.
 
     An SVD would be ill-conditioned for frames in which an effect is inactive.

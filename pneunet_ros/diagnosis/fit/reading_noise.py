@@ -27,7 +27,7 @@ def with_reading_noise(refit: Refit, seed: int) -> Refit:
     random = np.random.default_rng([seed, READING_NOISE.draws])
     covariance = np.zeros_like(refit.covariance)
     for _ in range(READING_NOISE.draws):
-        moved = residuals_of(refit, with_more_noise(linearization, random))
+        moved = residuals_of(refit, double_reading_noise(linearization, random))
         if residuals is None or moved is None:
             return refit
         columns = refit.gaussian.columns
@@ -44,7 +44,9 @@ def residuals_of(refit: Refit, linearization: Linearization) -> list[Array] | No
     return linearization.residual(refit.point.values, refit.effects, range(linearization.training))
 
 
-def with_more_noise(linearization: Linearization, random: np.random.Generator) -> Linearization:
+def double_reading_noise(
+    linearization: Linearization, random: np.random.Generator
+) -> Linearization:
     """Return the linearization with twice the reading noise in effects with memory."""
     std = linearization.noise.pressure_std
     noisy = [

@@ -298,7 +298,7 @@ def settle(fit: Refit, rounds: int | None = None) -> Refit:
         again = JointFit(linearization, fit.hypotheses).fit(around.numbers, around.base)
         if again is None:
             break
-        around = again if again.cost < fit.cost else halfway(around, again)
+        around = again if again.cost < fit.cost else average_fits(around, again)
         fit = replace(again, settled=abs(fit.cost - again.cost) < REFIT.settled)
         pair = (fit,) if best is None else (fit, best)
         best = min(pair, key=lambda item: (not has_ended(item), item.cost))
@@ -310,7 +310,7 @@ def has_ended(fit: Refit) -> bool:
     return fit.gain < max(REFIT.least_gain, UNSETTLED * fit.misfit)
 
 
-def halfway(one: Refit, other: Refit) -> Refit:
+def average_fits(one: Refit, other: Refit) -> Refit:
     """Return a fit with the average of the unknowns of two."""
     return replace(
         other, numbers=0.5 * (one.numbers + other.numbers), base=0.5 * (one.base + other.base)

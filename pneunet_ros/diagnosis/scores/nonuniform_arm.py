@@ -38,7 +38,7 @@ def nonuniform_columns(linearization: Linearization) -> list[Array]:
     ]
 
 
-def beside_nonuniform(
+def reduce_by_nonuniformity(
     candidates: Sequence[Candidate], gaussian: GaussianModel, columns: list[Array]
 ) -> list[Candidate]:
     """Reduce the information on effects by nonuniform bending.

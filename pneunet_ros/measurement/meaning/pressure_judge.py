@@ -276,7 +276,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
     def range_of(self, meaning: PressureConvention) -> str:
         """Return the range of the readings under a meaning, in kPa gauge."""
         low, high = sorted(kilopascals(meaning.gauge(end)) for end in (self.low, self.high))
-        return f'{shown(low)} to {shown(high)} kPa gauge'
+        return f'{format_number(low)} to {format_number(high)} kPa gauge'
 
     @property
     def finding(self) -> str:
@@ -302,7 +302,7 @@ class PressureVerdict(ReadingVerdict[PressureConvention]):
         )
 
 
-def shown(value: float) -> str:
+def format_number(value: float) -> str:
     """Return a number with three digits; 0 below 0.005."""
     return f'{0.0 if abs(value) < 5e-3 else value:.3g}'
 

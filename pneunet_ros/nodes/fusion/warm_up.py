@@ -43,7 +43,7 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
             PressureReading(stamp_ns=stamp_ns + FRAME_PERIOD_NS // 2, pressure=reading),
         ]
         if index == frames - 1:
-            events.insert(0, unloaded(stamp_ns, sensors.frame_id))
+            events.insert(0, unloaded_wrench(stamp_ns, sensors.frame_id))
         for event in events:
             state, made = fusion.step(state, event)
             outcome = made or outcome
@@ -55,7 +55,7 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
     return ''
 
 
-def unloaded(stamp_ns: int, frame_id: str) -> WrenchReading:
+def unloaded_wrench(stamp_ns: int, frame_id: str) -> WrenchReading:
     """Return the wrench of an arm without contact."""
     return WrenchReading(
         stamp_ns=stamp_ns, force_x=0.0, force_y=0.0, moment=0.0, frame_id=frame_id

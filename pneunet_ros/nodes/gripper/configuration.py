@@ -190,7 +190,7 @@ def check_blocks(given: Mapping[str, Any]) -> None:
     """
     values = PARAMETERS.completed(given)
     settings = configured_gripper(values, None).node
-    blocks, _ = arms_of(settings, dict(flattened(given)))
+    blocks, _ = arms_of(settings, dict(flatten_blocks(given)))
     trackers: dict[str, dict[str, Tracker]] = {}
     for arm, block in blocks.items():
         for node in settings.nodes:
@@ -263,11 +263,11 @@ def gripper_of(settings: GripperSettings, blocks: Mapping[str, ArmBlock]) -> Gri
     )
 
 
-def flattened(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, Any]]:
+def flatten_blocks(given: Mapping[str, Any], above: str = '') -> Iterator[tuple[str, Any]]:
     """Yield the values of nested mappings with their keys joined by dots."""
     for key, value in given.items():
         if isinstance(value, Mapping):
-            yield from flattened(value, f'{above}{key}.')
+            yield from flatten_blocks(value, f'{above}{key}.')
         else:
             yield f'{above}{key}', value
 

@@ -200,13 +200,13 @@ class Grasping:
 
     def is_stalled(self) -> bool:
         """Whether the grip is at its force limit or cannot close any further."""
-        return self.is_so(Closing.is_stalled)
+        return self.holds_for_grasp(Closing.is_stalled)
 
     def is_blind(self) -> bool:
         """Whether the grip cannot close any further until the force is known again."""
-        return self.is_so(Closing.is_blind)
+        return self.holds_for_grasp(Closing.is_blind)
 
-    def is_so(self, question: Callable[..., bool]) -> bool:
+    def holds_for_grasp(self, question: Callable[..., bool]) -> bool:
         """Evaluate a condition of the controller on the last grasp; False without a grasp."""
         command = self.allowed
         if command is None or self.grasp is None or self.seen.keys() != self.fusions.keys():

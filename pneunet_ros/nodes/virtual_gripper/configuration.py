@@ -14,7 +14,12 @@ from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantity
 from pneunet_ros.fusion.grasp import Gripper
-from pneunet_ros.nodes.gripper.configuration import arms_of, configured_gripper, flattened, MOUNT
+from pneunet_ros.nodes.gripper.configuration import (
+    arms_of,
+    configured_gripper,
+    flatten_blocks,
+    MOUNT,
+)
 from pneunet_ros.nodes.gripper.configuration import PARAMETERS as OF_GRIPPER
 from pneunet_ros.nodes.parameters import ParameterTable
 from pneunet_ros.nodes.params_file import parameters_of
@@ -72,7 +77,7 @@ def configured_virtual_gripper(
     return VirtualGripperConfiguration(node=node)
 
 
-def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, str]]:
+def simulated_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, str]]:
     """Return the simulated gripper, and the frames of its arms.
 
     files: parameter files; if there are none, the shipped one is used; name: full name of the node
@@ -82,7 +87,7 @@ def played_gripper(files: Sequence[str], name: str) -> tuple[Gripper, dict[str, 
     for path in files or [str(share_path(SHIPPED))]:
         given |= parameters_of(path, name)
     settings = configured_gripper(OF_GRIPPER.completed(given), None).node
-    blocks, gripper = arms_of(settings, dict(flattened(given)))
+    blocks, gripper = arms_of(settings, dict(flatten_blocks(given)))
     if gripper is None:
         raise RequestError(
             f'{", ".join(settings.arms)} have no {MOUNT}. Use the params_file of the gripper, '

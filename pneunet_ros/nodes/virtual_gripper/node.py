@@ -22,7 +22,7 @@ from pneunet_ros.nodes.virtual_arm.node import VirtualArmNode
 from pneunet_ros.nodes.virtual_gripper.configuration import (
     configured_virtual_gripper,
     PARAMETERS,
-    played_gripper,
+    simulated_gripper,
     VirtualGripperConfiguration,
 )
 
@@ -47,7 +47,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
         super().__init__('virtual_gripper', PARAMETERS, configured_virtual_gripper)
         played = f'{self.get_namespace().rstrip("/")}/gripper'
         self.gripper: Gripper
-        self.gripper, self.frames = played_gripper(params_files(sys.argv), played)
+        self.gripper, self.frames = simulated_gripper(params_files(sys.argv), played)
         self.members: dict[str, VirtualArmNode] = {}
         self.forces = dict.fromkeys(self.gripper.mounts, 0.0)  # N
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.progress import ignore_progress, OnProgress
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -36,7 +36,7 @@ def write_report(
     provenance: Mapping[str, Any],
     overwrite: bool = False,
     files: Files = UNKNOWN_FILES,
-    on_progress: OnProgress = say_nothing,
+    on_progress: OnProgress = ignore_progress,
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 

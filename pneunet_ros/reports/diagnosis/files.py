@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import domain_of
-from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.progress import ignore_progress, OnProgress
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Misfit, UnsettledDiagnosis
@@ -54,7 +54,7 @@ def write_diagnosis(
     provenance: Mapping[str, Any],
     discovery: Discovery = NOTHING_SEARCHED,
     given: Given = NOTHING_GIVEN,
-    on_progress: OnProgress = say_nothing,
+    on_progress: OnProgress = ignore_progress,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
@@ -126,7 +126,7 @@ def write_unsettled(
             'discovered': [],
             'notes': diagnosis.notes,
             **provenance,
-            **ending(diagnosis),
+            **final_content(diagnosis),
         }
     )
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
@@ -140,7 +140,7 @@ def discovered_content(law: Discovered) -> dict[str, Any]:
     return content
 
 
-def ending(diagnosis: Diagnosis | UnsettledDiagnosis) -> dict[str, Any]:
+def final_content(diagnosis: Diagnosis | UnsettledDiagnosis) -> dict[str, Any]:
     """Return the last keys of every JSON of a diagnosis."""
     used = settings_used(diagnosis.settings, *FIXED, *FIXED_IN_DISCOVERY)
     settings = {'used': used, 'not_default': settings_changed(diagnosis.settings)}
@@ -198,7 +198,7 @@ def diagnosis_content(
         'discovered': [discovered_content(item) for item in discovery.found],
         'notes': (*diagnosis.notes, *discovery.notes),
         **provenance,
-        **ending(diagnosis),
+        **final_content(diagnosis),
     }
     plain_content: dict[str, Any] = plain(content)
     return plain_content

@@ -31,7 +31,7 @@ HEAT: Colormap = LinearSegmentedColormap.from_list(  # white in its middle, wher
 )
 
 
-def maps(data: FigureData) -> Picture | None:
+def misfit_maps(data: FigureData) -> Picture | None:
     """Draw heat maps of the whitened residual, before and after."""
     heat_maps = data.diagnosis.heat_maps
     if not heat_maps:

@@ -43,7 +43,7 @@ class Loop:
     expected: Array
 
 
-def loops(data: FigureData) -> Picture | None:
+def moment_loops(data: FigureData) -> Picture | None:
     """Draw moment and curvature in the middle of the arm, by direction of pressure."""
     diagnosis = data.diagnosis
     if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:

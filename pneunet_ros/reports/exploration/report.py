@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.exploration.choice import allowed
+from pneunet_ros.exploration.choice import allowed_experiments
 from pneunet_ros.exploration.exploration import is_clear, name_stayed, Round
 from pneunet_ros.exploration.rivals import named_effects, NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
@@ -57,7 +57,7 @@ def safe_sentence(safe: SafeSet) -> str:
     """Describe the limits of the experiments."""
     low, high = kilopascals(safe.low), kilopascals(safe.high)
     sentence = f'{low:g} to {high:g} kPa, with at most {safe.force:.3g} N at the free end'
-    if any(item.loaded for item in allowed(safe)):
+    if any(item.loaded for item in allowed_experiments(safe)):
         return sentence
     return f'{sentence}; without a load, because no force of an experiment is a calibrated one'
 

@@ -43,7 +43,9 @@ class Linearity:
         return float(abs(self.departure[self.largest]) / self.departure_std[self.largest])
 
 
-def straight(place: float, pressure: Array, value: Array, covariance: Array) -> Linearity | None:
+def fit_straight_line(
+    place: float, pressure: Array, value: Array, covariance: Array
+) -> Linearity | None:
     """Fit a straight line to values with a covariance; None for few values or one pressure."""
     if pressure.size < FEWEST or np.ptp(pressure) == 0.0:
         return None
@@ -74,7 +76,9 @@ def intrinsic_linearity(fit: Fit) -> tuple[Linearity, ...]:
     table = fit.arm.intrinsic_curvature
     values = np.array([table.at(float(row), PLACES) for row in rows])
     found = [
-        straight(place, rows, values[:, at], weights[:, at] @ fit.covariance @ weights[:, at].T)
+        fit_straight_line(
+            place, rows, values[:, at], weights[:, at] @ fit.covariance @ weights[:, at].T
+        )
         for at, place in enumerate(PLACES)
     ]
     return tuple(item for item in found if item is not None)
@@ -93,5 +97,5 @@ def change_linearity(views: Sequence[MomentView], length: float) -> tuple[Linear
         pressure = np.array([view.steady_state.pressure for view in seen])
         value = np.array([np.interp(at, view.arclength, view.change) for view in seen])
         std = np.array([np.interp(at, view.arclength, view.std) for view in seen])
-        found.append(straight(place, pressure, value, np.diag(std**2)))
+        found.append(fit_straight_line(place, pressure, value, np.diag(std**2)))
     return tuple(item for item in found if item is not None)

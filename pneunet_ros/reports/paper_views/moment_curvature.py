@@ -163,7 +163,7 @@ def curvature_std(fit: Fit, pressure: Array, share: Array) -> Array:
 def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
     """Return the derivatives of kappa_p0 at pressures (n,) Pa x s / l (m,), (n, m, parameters)."""
     knots, cells = fit.parameters.arclength, fit.parameters.cells
-    rows = idle(pressure).row_weights(fit.arm)
+    rows = unloaded_inputs(pressure).row_weights(fit.arm)
     basis = scipy.interpolate.CubicSpline(knots, np.eye(knots.size))(share)
     out = np.zeros((pressure.size, share.size, fit.values.size))
     out[:, :, :cells] = np.einsum('pr,sk->psrk', rows, basis).reshape(*out.shape[:2], cells)
@@ -176,7 +176,7 @@ def curvature_covariance(fit: Fit, pressure: Array, share: Array) -> Array:
     return np.asarray(weights @ fit.covariance @ weights.transpose(0, 2, 1))
 
 
-def idle(pressure: Array) -> Inputs:
+def unloaded_inputs(pressure: Array) -> Inputs:
     """Return inputs without load."""
     return Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
 
@@ -200,7 +200,7 @@ def law_view(fit: Fit, pressure: Array) -> LawView:
     arm, parameters = fit.arm, fit.parameters
     sections = arm.moment_law.sections(pressure, arm.length, arm.weight)
     std = np.zeros(sections.shape)
-    jacobian = parameters.input_jacobian(fit.values, idle(pressure))
+    jacobian = parameters.input_jacobian(fit.values, unloaded_inputs(pressure))
     by_column = jacobian[:, LOADS + parameters.arclength.size :]
     variance = np.einsum('pcu,uv,pcv->pc', by_column, fit.covariance, by_column)
     for place, (section, column) in enumerate(parameters.law.columns if parameters.law else ()):

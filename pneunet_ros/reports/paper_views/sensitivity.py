@@ -62,11 +62,11 @@ def variations(arm: Arm, steady_state: SteadyState) -> tuple[Variation, ...]:
         splits = [replace(law, split=np.full(law.split.size, split)) for split in SPLITS]
         labels = tuple(f'{split:g}' for split in SPLITS)
         found.append(vary('l1 / l', labels, [with_law(item) for item in splits]))
-    stiffened = [with_law(stiffer(law, factor)) for factor in FACTORS]
+    stiffened = [with_law(scale_rigidity(law, factor)) for factor in FACTORS]
     return (*found, vary(RIGIDITY_NAMES[law.kind], percent, stiffened))
 
 
-def stiffer(law: MomentLaw, factor: float) -> MomentLaw:
+def scale_rigidity(law: MomentLaw, factor: float) -> MomentLaw:
     """Return a law whose rigidity (Majidi: modulus) is larger by a factor."""
     if isinstance(law, PiecewiseLinearLaw):
         return replace(law, rigidity=factor * law.rigidity)

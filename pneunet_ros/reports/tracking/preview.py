@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import CameraError, shortened
+from pneunet_ros.core.errors import CameraError, shorten
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import millimeters, seconds_since
@@ -142,7 +142,7 @@ class Preview:
         self._draw_pictures(parts[0])
         self._draw_curves(parts[1])
         self._draw_history(parts[2])
-        figure.suptitle(figure_text(shortened(title, LONGEST_TITLE)), fontsize=17)
+        figure.suptitle(figure_text(shorten(title, LONGEST_TITLE)), fontsize=17)
         figure.savefig(path, dpi=110, format='png')
 
     def summary(self) -> Picture:

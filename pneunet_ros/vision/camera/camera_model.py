@@ -76,7 +76,7 @@ class Lens:
 
     def distort(self, normalized: npt.ArrayLike) -> Array:
         """Return pixels (n, 2) for normalized points (n, 2); NaN beyond the limit."""
-        points = own_pairs(normalized)
+        points = copy_pairs(normalized)
         distort_points(points, self.coefficients, self.limit)
         return points
 
@@ -86,19 +86,19 @@ class Lens:
         Iterated until `distort` reproduces the pixel to 1e-9 px. NaN if no point within the limit
         of the distortion maps to the pixel.
         """
-        points = own_pairs(pixels)
+        points = copy_pairs(pixels)
         undistort_points(points, self.coefficients, self.limit)
         return points
 
     def scale(self, normalized: npt.ArrayLike) -> Array:
         """Return normalized length per px at normalized (n, 2), the largest in any direction."""
-        points = own_pairs(normalized)
+        points = copy_pairs(normalized)
         out = np.empty(len(points))
         magnify_points(points, self.coefficients, self.limit, out)
         return out
 
 
-def own_pairs(values: npt.ArrayLike) -> Array:
+def copy_pairs(values: npt.ArrayLike) -> Array:
     """Return pairs (n, 2) in a new array, for a kernel to overwrite; CameraError for others."""
     pairs = np.array(values, dtype=np.float64, order='C')
     if pairs.ndim != 2 or pairs.shape[1] != 2:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.kernels.jit import kernel
-from pneunet_ros.vision.camera.camera_model import Lens, own_pairs
+from pneunet_ros.vision.camera.camera_model import copy_pairs, Lens
 from pneunet_ros.vision.camera.camera_settings import HomographyPlane, PosePlane
 
 FARTHEST = 1e6  # m or normalized; nothing that a camera sees is farther out
@@ -85,19 +85,19 @@ class Plane:
 
     def points(self, normalized: npt.ArrayLike) -> Array:
         """Return points (n, 2) m in base for normalized (n, 2); NaN at and above the horizon."""
-        points = own_pairs(normalized)
+        points = copy_pairs(normalized)
         project(points, self.base_from_normalized)
         return points
 
     def normalized(self, points_in_base: npt.ArrayLike) -> Array:
         """Return normalized (n, 2) for points (n, 2) m in base; NaN behind the camera."""
-        points = own_pairs(points_in_base)
+        points = copy_pairs(points_in_base)
         project(points, self.normalized_from_base)
         return points
 
     def scale(self, normalized: npt.ArrayLike) -> Array:
         """Return m in base per normalized unit at (n, 2), the largest in any direction."""
-        points = own_pairs(normalized)
+        points = copy_pairs(normalized)
         out = np.empty(len(points))
         magnification(points, self.base_from_normalized, out)
         return out
