@@ -294,7 +294,8 @@ def widen(
     if resolution.free_shapes is not None and not prepared.loaded and not continued:
         left_out = leave_levels_out(prepared.unloaded, found.free, fits.first_experiment)
     undetermined = undetermined_quantities(joint)
-    # A continued calibration estimates the nonuniformity again, but leaves nothing out again.
+    # A continued calibration estimates the nonuniformity again, but does not repeat the
+    # cross-validation.
     kept = joint
     joint = consider_nonuniformity(joint, resolution.shapes)
     for checked in (left_out, recordings):

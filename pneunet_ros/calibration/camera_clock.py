@@ -31,9 +31,9 @@ import scipy
 
 DELAY_STD = 0.1  # s, half of the prior of camera_delay
 RATE_STD = 0.01  # one of every hundred frames is lost
-CRYSTAL_STD = 1e-4  # of two correct clocks, from data sheets of crystals
-ODDS_AGAINST = 5.0  # nats against a wrong clock: one in 150, as of a cause in the fusion
-STEP = 0.1  # s, of a central difference; over less, noise of readings dominates
+CRYSTAL_STD = 1e-4  # between two correct clocks, from data sheets of crystals
+ODDS_AGAINST = 5.0  # nats against a wrong clock: one in 150, as for a cause in the fusion
+STEP = 0.1  # s, for a central difference; over less, the noise of the readings dominates
 MOST_ROUNDS = 6  # calibrations, each with corrected stamps
 CLOCK = 2  # unknowns: delay, rate
 
@@ -54,7 +54,7 @@ class CameraClock:
     @property
     def evidence(self) -> float:
         """Return the log odds of a wrong clock, given its frames."""
-        observed = 1.0 - (self.rate_std / RATE_STD) ** 2  # the rest is the prior
+        observed = 1.0 - (self.rate_std / RATE_STD) ** 2  # the prior adds the rest
         if not observed > 0.0:
             return -ODDS_AGAINST
         rate, variance = self.rate / observed, self.rate_std**2 / observed

@@ -37,12 +37,12 @@ import scipy
 
 SCANNED = 0.02  # decades; tolerance of the search for the first stiffness
 SCANNED_FRAMES = 5  # frames per loaded run in that search, to save CPU
-# Relative to the initial stiffness, tried first.
+# Stiffnesses to try first, relative to the initial one.
 STIFFNESS_FACTORS = (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4)
 COMPARED_FRAMES = 60  # per run, for the comparison of moment laws: CPU
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 UNIFORM = 1e3  # correlation length of a constant, in lengths
-FIRST_ALPHA = 0.05  # with which the search for the stiffness begins
+FIRST_ALPHA = 0.05  # at the beginning of the search for the stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,7 +106,7 @@ class FitSequence:
             self.rows = np.array([self.low])
             return
         ends = [EXPERIMENTS.outliers, 1.0 - EXPERIMENTS.outliers]
-        # Many targets show an elongation beside whatever looks alike: `diagnose` distinguishes
+        # Many targets show an elongation and similar effects at once: `diagnose` distinguishes
         # them.
         shown = any(run.seen[:, frame.target_arclength > 0.0].any() for run in runs)
         if self.shapes is not None and shown and not elongation.has_given_elongation(frame):

@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-MOST_TURNS = 2.0  # of a tip: largest arc tried; invented
+MOST_TURNS = 2.0  # largest angle of the tip to try; invented
 ARCS = 401  # tried
 
 

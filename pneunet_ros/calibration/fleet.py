@@ -24,8 +24,8 @@ STATIONS = 101  # places along the arm for means over it
 ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
 TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
-# False alarm per simulated fleet of equal arms (per real one: acceptance/odd_arms.py), and that
-# below which an arm is left out of the center; convention.
+# False alarm per simulated fleet of equal arms (per real one: acceptance/odd_arms.py), and the one
+# below which an arm is excluded from the center; convention.
 LEVEL = 0.01
 # Invented: no figure of acceptance/sweep.py contains a fleet.
 DRAWS = 400  # simulated fleets for the threshold
@@ -258,7 +258,7 @@ def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Arr
         covariance[row][np.ix_(columns, columns)] = arm.covariance[
             np.ix_(own_columns, own_columns)
         ]
-    # Of numbers that are alike to the last digit, and have no error, a distance is still one.
+    # Keeps the distance finite for numbers that agree to the last digit and have no error.
     floor = (1e-9 * np.nanmax(np.abs(values), axis=0, initial=0.0)) ** 2 + 1e-300
     return values, covariance + np.diag(floor)
 
@@ -281,7 +281,7 @@ def fleet_distances(values: Array, covariance: Array) -> tuple[Array, Array, Arr
     center, scatter = robust_start(values, covariance)
     chance = log_chance(values, covariance, center, scatter)
     half = np.nanmedian(chance, axis=1, keepdims=True)
-    counted = chance >= np.minimum(np.log(LEVEL), half)  # NaN is not
+    counted = chance >= np.minimum(np.log(LEVEL), half)  # false for NaN
     for _ in range(ROUNDS):
         center, scatter = next_estimate(values, covariance, center, scatter, counted)
     return center, scatter, log_chance(values, covariance, center, scatter)

@@ -12,7 +12,7 @@ from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS, Placeme
 
 DIGITS = 6
 ROUNDING = 1e-12  # of a correlation
-COVARIANCE_FRAMES = 24  # of every run: more move no figure of acceptance/sweep.py
+COVARIANCE_FRAMES = 24  # per run: more of them move no figure of acceptance/sweep.py
 
 
 def low_rank(

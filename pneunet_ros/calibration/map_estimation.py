@@ -27,7 +27,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 import scipy
 
 MOST_STEPS = 25  # Gauss-Newton steps; a longer fit counts as not converged
-MOST_HALVINGS = 8  # of a step, to lower the cost
+MOST_HALVINGS = 8  # of a step, until the cost decreases
 NEARLY = 10.0  # sigma left to gain when no step helps: still accepted; idle in acceptance/sweep.py
 
 NONE = frozen_array(np.zeros(0))
@@ -210,7 +210,7 @@ def fit(
         scaled = last.scaled + step
         try:
             return scaled if posterior.cost(scaled, last) < last.cost else None
-        except ModelError:  # there is no such arm: its rigidity would be zero
+        except ModelError:  # no such arm exists: its rigidity would be zero
             return None
 
     search = gauss_newton(
@@ -245,7 +245,8 @@ def finalize(
     covariance = np.linalg.inv(hessian)
     scale, rows = prior.scale[:size, :size], prior.scale[: prior.shared]
     values, disturbance = prior.unscale(last.scaled)
-    # Disturbances integrated out, with their prior: what the data say of the model alone.
+    # The information of the data on the model alone: disturbances are marginalized with their
+    # prior.
     rest = np.linalg.inv(hessian[size:, size:])
     cross = last.normal[:size, size:]
     information = last.normal[:size, :size] - cross @ rest @ cross.T

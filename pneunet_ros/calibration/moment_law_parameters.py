@@ -18,7 +18,7 @@ SPLIT_ROWS = 14
 KEPT = 64  # Jacobians of laws
 ALPHAS = 6  # parameters of both rigidities
 LEAST_SPLIT = 0.02  # l1 / l: a bound that no fit of acceptance/sweep.py reaches
-MOST_SPLIT = 0.9  # l1 / l, as well
+MOST_SPLIT = 0.9  # l1 / l, also a bound
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class MomentLawParameters(abc.ABC):
     """
 
     kind: ClassVar[str]
-    columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections, that the parameters move
+    columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections changed by the parameters
     stiffness: float
     low: float
     high: float
@@ -103,7 +103,7 @@ class PiecewiseParameters(MomentLawParameters):
             + MOMENT_LAW.split_wave_std**2 * wave
         )
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
-        # alpha at either end: one of unknown size, and a change over the range
+        # alpha at either end of the range: an unknown size, and an unknown change over the range
         ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
         section = alpha**2 * scipy.linalg.block_diag(ends, MOMENT_LAW.bow_std**2)
         prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)

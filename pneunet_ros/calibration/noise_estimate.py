@@ -24,14 +24,14 @@ from pneunet_ros.measurement.row_order import AT_CLAMP
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
-MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squared normal variables
+MEDIAN_OF_TWO = math.log(2.0)  # median of half the sum of two squared normal variables
 NORMAL = NormalDist()
 QUARTILE = NORMAL.inv_cdf(0.625)  # lower quartile of the size of a normal variable, over its std
 CLIPPED = 3.0  # a difference beyond this many sigma is a change; convention
 # Share of the variance of normal variables within that.
 LEFT_OF_VARIANCE = 1.0 - 2.0 * CLIPPED * NORMAL.pdf(CLIPPED) / (2.0 * NORMAL.cdf(CLIPPED) - 1.0)
 MOST_CLIPPINGS = 30  # usually five suffice
-RESTS = 3.0  # sigma of a pressure reading; with a smaller change between frames the arm rests
+RESTS = 3.0  # sigma of a pressure reading; a smaller change between frames means rest
 REPEATED = (
     'successive positions and headings differ by less, as in a lossy film or with a tracker that '
     'repeats resting targets'
@@ -39,17 +39,17 @@ REPEATED = (
 ASSUMED = 'assumed; these recordings do not determine it'
 # Sensor noise stated in an arm file, and its unit.
 STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
-# Readings that may have steps coarser than their noise, and their unit.
+# Readings whose steps (resolution) may be coarser than their noise, and their unit.
 STEPPED = (('pressure', 'Pa'), ('force', 'N'), ('moment', 'N m'))
 SMALLEST = 1e-9  # smallest estimated standard deviation
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-# Lengths, least noise of targets: those at rest are repeated by a lossy film, and show none.
-# Measured: 5e-6 where a film has 4e-5; rounded up.
+# Smallest noise of targets (arm lengths): a lossy video repeats targets at rest, without noise.
+# Measured: 5e-6 for a video with 4e-5; rounded up.
 LEAST_TARGET = 1e-4
 FEWEST_TARGETS = 8  # for a placement
 FREEDOM = 3  # targets in excess of the coefficients of the polynomial, at least
-FEWEST_LEVELS = 12  # of readings in visible steps
-CORRELATED = 0.3  # neighboring targets at rest, from which their noise counts as common
+FEWEST_LEVELS = 12  # of readings with visible steps
+CORRELATED = 0.3  # correlation of neighbors at rest from which their noise counts as common
 REPEATS = 0.2  # share of readings in steps that repeat the last one
 OFF_GRID = 0.1  # of a step: decimals are rounded
 ON_GRID = 0.9  # share of the levels
@@ -99,9 +99,9 @@ def estimate_noise(
     if heading is not None and heading < LEAST_TARGET:
         words = f'{LEAST_TARGET:g} rad, as for two targets one length apart'
         found['heading_std'] = LEAST_TARGET, f'{words}: {REPEATED}'
-    # Differences of a fast pressure show its motion, not noise: it never rests.
+    # Differences of a fast pressure show its changes, not its noise: it is never constant.
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
-    # Both components of a force are read by one sensor.
+    # One sensor reads both components of a force.
     forces = [load[:, :END_LOAD_MOMENT].T.ravel() for load in loads_of(runs)]
     notes = include_steps(found, readings | {'force': forces}, assumed)
     notes += include_correlation(found, *correlation_at_rest(runs, pressure_std))
@@ -479,8 +479,8 @@ def camera_stds(
         white_squares.append(2.0 * white**2 * NOISE_ESTIMATE.blocks / len(positions))
     if not squared_steps:
         return None, None
-    # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
-    # The median of both coordinates' squares, so that a base that slips once is not drift.
+    # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block. The
+    # median over the squares of both coordinates: a single slip of the base is not drift.
     steps = np.concatenate([item.sum(axis=1) for item in squared_steps])
     square = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO
     error = square / (MEDIAN_OF_TWO * math.sqrt(steps.size))

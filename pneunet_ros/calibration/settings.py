@@ -252,7 +252,7 @@ STIFFNESS_VARIATION = StiffnessVariationSettings()
 RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
-FIXED: tuple[Any, ...] = (  # the same in every calibration
+FIXED: tuple[Any, ...] = (  # common to all calibrations
     PRECONDITIONS, CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION,
     IDENTIFIABILITY, STIFFNESS_VARIATION, RESOLUTION, EXPERIMENTS,
 )  # fmt: skip

@@ -17,8 +17,8 @@ from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 
-ERROR_STEPS = (0, 3)  # at which the model errors are evaluated: they change little
-MOST_STEPS = 30  # Gauss-Newton steps; forces that have not converged are withheld
+ERROR_STEPS = (0, 3)  # at which the model errors are evaluated, because they change little
+MOST_STEPS = 30  # Gauss-Newton steps; forces that have not converged are rejected
 LEAST_SHARE = 0.05  # smallest relaxation factor, if steps oscillate
 SMALL_STEP = 1e-4  # sigma of the force: convergence
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Column, Table
 
-ANY_WIDTH = 10_000  # letters
-FRAME, EDGE = 3, 1  # letters in addition to the text: per column, and per table
+ANY_WIDTH = 10_000  # characters
+FRAME, EDGE = 3, 1  # characters in addition to the text: per column, and per table
 
 
 def print_table(console: Console, table: Table, empty: str = 'none') -> None:

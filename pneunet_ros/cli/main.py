@@ -223,7 +223,7 @@ VERBS = (
     ),
     Verb('compile', 'compile all kernels ahead of time and cache them on disk', 'pneunet compile'),
 )
-# The verbs as the help shows them, by what one wants.
+# The verbs as listed by the help, grouped by purpose.
 GROUPS = {
     'First steps': ('demo', 'new-arm', 'effects', 'compile'),
     'Recordings': ('check', 'track', 'import', 'export', 'compare', 'simulate'),
@@ -307,7 +307,7 @@ def negative_number(argument: str) -> str:
 
 def complete() -> None:
     """Print the shell completions of a command line, and exit."""
-    import argcomplete  # an extra; only its users ask for completions
+    import argcomplete  # an optional dependency, needed for completions only
 
     words = os.environ.get('COMP_LINE', '').split()[1:]
     argcomplete.autocomplete(parser(words))
@@ -339,10 +339,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except PneunetError as error:
         return report_error(given, str(error), error.reason)
-    except BrokenPipeError:  # the reader of the output has ended, as in `pneunet effects | head`
+    except BrokenPipeError:  # the reading process has ended, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # not about an input or output: a full /tmp, too many open files
+    except OSError as error:  # no error of an input or output: a full /tmp, too many open files
         about = f'{error.filename}: ' if error.filename else ''
         return report_error(given, f'{about}{error.strerror or error}', 'system')
     except MemoryError:

@@ -37,7 +37,7 @@ def run_fusion(arguments: Namespace) -> int:
     topics = fusion_topics(recording, overrides, wrench=wrench, gravity=fusion.gravity)
     sensors = replace(fusion.sensors, wrench_required=wrench)
     verdicts = judge(arguments, recording, arm, sensors, overrides)
-    # A wrong force sensor is left out by the fusion itself.
+    # The fusion itself excludes a wrong force sensor.
     if PRESSURE.name in verdicts.contradicted or verdicts.model_mismatch:
         return refuse_readings(arguments, verdicts)
     tally = FusionTally()

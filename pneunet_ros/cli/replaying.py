@@ -21,7 +21,7 @@ from pneunet_ros.recordings.recording import Recording
 from pneunet_ros.recordings.recording_writer import RecordingWriter, write_recording
 from rich.console import Console
 
-SHOWN_EVERY = 200  # messages
+SHOWN_EVERY = 200  # messages between two reports of the progress
 
 
 def judge(

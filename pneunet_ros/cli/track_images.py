@@ -95,7 +95,7 @@ def track(arguments: Namespace) -> int:
     sentences = stream.recording.sentences if stream.recording is not None else ()
     film: dict[str, Any] = {}
     with ExitStack() as stack:
-        # The preview is written even if nothing else is, because it shows why.
+        # The preview is written even if tracking fails, because it shows the cause.
         previews = preview_followers(arguments, stack, stream, arm, film)
         stack.enter_context(written_together())
         tabulate = table_writer(arguments, stack)

@@ -34,7 +34,7 @@ from rich.text import Text
 
 DONE, NEGATIVE = 0, 1  # exit codes
 PAPER_ARM = 'config/paper_arm.yaml'
-# The settings that say what a reading means, for verbs that read recordings without estimating.
+# The settings for the meaning of readings, for verbs that read recordings without estimating.
 SENSOR_SETTINGS = (
     'frame_id',
     'wrench_required',
@@ -78,7 +78,7 @@ def progress_bar(shown: bool) -> Progress:
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True, quiet=hidden),  # rich before 13.8 ends it with a newline
+        console=Console(stderr=True, quiet=hidden),  # rich before 13.8 adds a final newline
         transient=True,
         disable=hidden,
     )

@@ -63,7 +63,7 @@ def same_values(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-LARGEST = 1e30  # no reading or number of an arm is larger; its squares and splines would overflow
+LARGEST = 1e30  # above any reading or number of an arm; squares and splines would overflow
 
 
 def are_numbers(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:

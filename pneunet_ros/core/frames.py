@@ -26,7 +26,7 @@ def rotate(angle: float, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coor
 
 def planar_heading(x: float, y: float, z: float, w: float) -> float:
     """Return the in-plane angle (rad) of the x axis of a rotated frame; NaN if undefined."""
-    if not is_rotation((x, y, z, w)):  # such as all zeros: no heading was measured
+    if not is_rotation((x, y, z, w)):  # such as all zeros: the heading was not measured
         return math.nan
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 

@@ -12,7 +12,7 @@ import numpy as np
 from pneunet_ros.core.outcome import Refusal
 
 REPORT_PERIOD = 1.0  # s, between two reports
-LATENCIES = 1000  # readings over which percentiles are taken
+LATENCIES = 1000  # readings per percentile
 
 
 class Level(enum.IntEnum):

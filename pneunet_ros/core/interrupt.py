@@ -10,7 +10,7 @@ import threading
 from types import FrameType
 from typing import Any
 
-_held: list[int] | None = None  # signals that arrived during critical work
+_held: list[int] | None = None  # signals received during a critical section
 
 
 @dataclass(frozen=True, slots=True)

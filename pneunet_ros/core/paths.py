@@ -14,7 +14,7 @@ def resolve_links(path: str | Path, error: type[PneunetError] = RequestError) ->
     """
     try:
         return Path(path).resolve()
-    except RuntimeError:  # Python before 3.13, of a loop of links
+    except RuntimeError:  # raised by Python before 3.13 for a loop of links
         raise error(
             f'{path} is a symbolic link to itself: use the path of the file', reason='loop'
         ) from None

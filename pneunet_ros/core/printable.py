@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import unicodedata
 
-# Control characters, those that turn the direction of writing, halves of characters.
+# Control characters, bidirectional controls and surrogates.
 _UNSAFE = frozenset({'Cc', 'Cf', 'Cs', 'Co', 'Zl', 'Zp'})
 _LAYOUT = frozenset('\n\t')
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between, seconds_since
 
-BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
+BACKWARD_JUMP = 1.0  # s; a stamp older by more means a restart of time, by less a late message
 RESTARTED = 'starts_anew'
 AHEAD = 'ahead'  # reason: the stamp of a message was wrong, as the next message showed
 LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # the seconds of a header have 32 bits

@@ -99,7 +99,7 @@ def conclude(
         evidence=collect_evidence(selection, candidates, cosines),
         cosines=cosines,
         proposal=''
-        if verdict.mimicked  # more targets would tell, and no recording
+        if verdict.mimicked  # more targets would distinguish them, further recordings would not
         else propose_experiment(first.refit, wanted, rivals),
         notes=(*verdict.notes, *direction_notes(before.arm, effects)),
         seed=selection.seed,
@@ -117,7 +117,7 @@ def withdraw_name(investigation: Investigation, objection: str) -> Diagnosis:
     library = {item.name for item in selection.hypotheses}
     tried = {names: item for names, item in selection.tried.items() if names <= library}
     selection = replace(selection, tried=tried)
-    missing = ' and '.join(item.name for item in named.effects)  # inertia is in no set tried
+    missing = ' and '.join(item.name for item in named.effects)  # no set includes inertia
     closest = closest_notes(best.record, (objection,)) or (
         Note(f'{missing} is not named: {objection}', reason='closest'),
     )

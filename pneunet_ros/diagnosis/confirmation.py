@@ -28,9 +28,9 @@ from pneunet_ros.diagnosis.settings import (
 )
 from scipy.special import ndtr, stdtrit
 
-NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
+NO_ERROR = 1e-18  # m^2, below the resolution of any camera, so that a ratio exists
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-MOST_LEFT = 2.0  # chi squared per coordinate of the training that a law may leave; 1 is noise
+MOST_LEFT = 2.0  # largest chi squared per training coordinate with the law; 1 is noise
 BATCHES = 8  # parts of a held-out run, for the standard error of its rms
 
 

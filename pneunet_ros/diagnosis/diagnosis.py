@@ -32,7 +32,7 @@ from pneunet_ros.diagnosis.usable_frames import at_rest, exclude_unknown_reading
 from pneunet_ros.measurement.dataset import RecordingData, thin_runs
 from pneunet_ros.model.arm import Arm
 
-PARTS = 5  # of the work: base fit, search, evaluation; of the command also discovery and report
+PARTS = 5  # of the work: base fit, search, evaluation; the command adds discovery and report
 
 
 def diagnose(
@@ -86,7 +86,7 @@ def investigate(
     """Diagnose like `diagnose`; return the diagnosis with all its fits."""
     model = remove_fitted_elongation(
         model
-    )  # what a calibration found is a hypothesis as others are
+    )  # an effect found by a calibration is a hypothesis like the others
     model, training, held_out, notes = with_tips(model, training, held_out)
     every = training, held_out
     training, held_out, notes, motion = at_rest(
@@ -127,7 +127,7 @@ def investigate_at_rest(
     few = thin_runs(rested, EXPERIMENTS.most_frames)
     training, held_out = few[:count], few[count:]
     notes = (*describe_thinning(few, rested), *notes)
-    recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
+    recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as for the base
     asked = hypotheses(model, settings.withheld)
     selection = Selection(
         linearization=linearize(base, *recordings),

@@ -41,8 +41,8 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
 from pneunet_ros.model.arm import Arm
 
-LATE = CameraDelay.name, PressureLag.name  # what else makes an arm late
-MOST_ROUNDS = 5  # of fits and searches: an effect that is missing biases mass and damping
+LATE = CameraDelay.name, PressureLag.name  # other causes of a delay of the arm
+MOST_ROUNDS = 5  # rounds of fits and searches: a missing effect biases mass and damping
 TRUSTED = WITHIN_95 * WEIGHT_ERROR  # of a weight in a model file
 
 Search = Callable[
@@ -121,7 +121,7 @@ def subtract_motion(
         for _ in range(MOST_ROUNDS):
             arm, nearby = found_arm(trial)
             # On ramps, errors of the static model look like a part of the mass. An arm without
-            # mass that is late for another reason would fit best with almost no weight.
+            # mass, delayed for another reason, would fit best with almost no weight.
             fit = fit_motion(
                 arm, swinging, start_motion=near, perturbed_arms=nearby, trusted_error=TRUSTED
             )
@@ -140,7 +140,7 @@ def subtract_motion(
             if gained <= LEAST_EVIDENCE or not (trial.names or result.best.names):
                 return moving
             trial, near = result.best, fit.motion
-    except PneunetError:  # no mass explains it, or nothing is left to search
+    except PneunetError:  # no mass explains the delay, or no effect is left to search
         return moving
     return moving
 

@@ -14,12 +14,12 @@ from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
 from pneunet_ros.diagnosis.settings import LOCALIZATION
 import scipy
 
-# Of each axis, in which shares of the misfit are counted and drawn.
+# Bins of each axis, for the shares of the misfit.
 BINS: dict[Axis, int] = {'arclength': 5, 'pressure': 5, 'force': 4, 'time': 4}
 FALLING, RISING = -1.0, 1.0
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-TREND = 2.0  # ratio of misfits that is called a difference
-FLOOR = 0.1  # least misfit of a ratio, of the mean misfit
+TREND = 2.0  # ratio of misfits that counts as a difference
+FLOOR = 0.1  # smallest misfit in a ratio, relative to the mean misfit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

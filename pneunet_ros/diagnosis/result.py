@@ -13,7 +13,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.model.arm import Arm
 
 Answer = Literal['none', 'named', 'inseparable', 'unknown', 'unobservable']
-CLEAR: tuple[Answer, ...] = ('none', 'named')  # answers that are no 'I cannot tell'
+CLEAR: tuple[Answer, ...] = ('none', 'named')  # conclusive answers
 Axis = Literal['arclength', 'pressure', 'force', 'time', 'direction']
 AXES: tuple[Axis, ...] = ('arclength', 'pressure', 'force', 'time', 'direction')
 

@@ -33,13 +33,13 @@ import scipy
 
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 MOST_EFFECTS = 3  # that may be missing together
-SHORTLIST = 5  # candidates that are fitted, in order of their score
-WORTH_A_FIT = 4.0  # chi squared: score that is worth a fit
-FINALIST_GAIN = 0.25  # cost that a finalist gains at least, of `SelectionSettings.least_gain`
-ABSENT = 3.0  # sigma: below it, the others are fitted once more without an effect, as they are
-LAW_EVIDENCE = 0.02  # share of evidence that does not tell two laws apart
+SHORTLIST = 5  # candidates to fit, in order of their score
+WORTH_A_FIT = 4.0  # chi squared: smallest score of a candidate for a fit
+FINALIST_GAIN = 0.25  # smallest gain of a finalist, relative to `SelectionSettings.least_gain`
+ABSENT = 3.0  # sigma: an effect below it is removed, and the others are fitted again
+LAW_EVIDENCE = 0.02  # share of evidence up to which two laws are indistinguishable
 PLAUSIBLE = 4.0  # prior std, from the prior mean to a size
-PARTIAL = 0.5  # of the gain of a more probable set: too little beside it
+PARTIAL = 0.5  # of the gain of a more probable set: a smaller gain is negligible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

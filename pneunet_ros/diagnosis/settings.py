@@ -194,7 +194,7 @@ REFIT, SELECTION = RefitSettings(), SelectionSettings()
 CONFIRMATION = ConfirmationSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
 AUGMENTED_MODEL = AugmentedModelSettings()
-FIXED: tuple[Any, ...] = (  # the same in every diagnosis
+FIXED: tuple[Any, ...] = (  # common to all diagnoses
     *FIXED_IN_CALIBRATION, READING_FILTER, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST,
     LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION, AUGMENTED_MODEL,
 )  # fmt: skip

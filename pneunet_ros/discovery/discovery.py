@@ -99,7 +99,7 @@ def discover(
     on_progress('causes outside the library', 0, 0)
     fits = joint_fits(investigation, base)
     discovery, best = look_for_law(investigation, fits, fits.search.suspects(), on_progress)
-    if base is investigation.base:  # what a named effect leaves out wanders anyway
+    if base is investigation.base:  # the residual of a named effect is aperiodic anyway
         discovery = consider_aperiodic(fits, discovery, best)
     if best is not None and not discovery.found:
         objection = untestable_law(investigation, base, best)

@@ -15,7 +15,7 @@ LOADS = frozenset(name for name, item in MEANINGS.items() if item.group == 'load
 # An effect of the pressure and one of the free shape differ only along the arm.
 ACTUATION = frozenset({'chamber_pressure', 'curvature'})
 
-# Kinds of cause equivalent to an effect, and terms, of which its law has one.
+# Kinds of cause equivalent to an effect, and terms; its law has one of them.
 LIBRARY_WORDS: dict[str, tuple[Collection[str], Collection[str]]] = {
     'force_misalignment': ({'end_force_x', 'end_force_y'}, LOADS),
     'camera_scale': ({'camera_scale'}, {CONSTANT}),

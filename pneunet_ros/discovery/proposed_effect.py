@@ -18,7 +18,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 
 MOST = 1e3  # bounds of a parameter, relative to its usual size
-LAW_ERROR = 0.1  # invented: as of most effects; an arm that is new follows no law of few terms
+LAW_ERROR = 0.1  # invented, as for most effects; a new arm follows no law with few terms
 PREFIX, POSITION = 'proposed_', 'position'
 LINE = 99
 

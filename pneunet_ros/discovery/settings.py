@@ -13,14 +13,14 @@ GRID = 9  # positions tried along the arm, before the best is refined
 REFINEMENTS = 3  # halvings of the distance between positions
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 MOST_TERMS = 3  # of a law
-IDLE = 3.0  # std of a term that may be left out
-PERIOD_COST = 5.0  # log probability, that the search over periods finds by chance
-HELD = 4  # places at which a constant cause is fitted before its place is free
+IDLE = 3.0  # std of a term that may be omitted
+PERIOD_COST = 5.0  # log probability gained by chance in the search over periods
+HELD = 4  # positions at which a constant cause is fitted before its position is free
 LEVEL = 1e-4  # p-value of the law of one half of the recordings in the other half
 FINALISTS = 3  # kinds that are fitted jointly
-WORTH_A_FIT = 0.8  # of the evidence of a name: gain of a law, before any joint fit, to overrule it
-LEAST_SHARE = 0.3  # of what is left, that a law explains
-ROUNDS = 2  # of fitting a law to the residuals of the last one
+WORTH_A_FIT = 0.8  # of the evidence for a name: gain of a law, before a joint fit, to overrule it
+LEAST_SHARE = 0.3  # of the remaining misfit explained by a law
+ROUNDS = 2  # fits of a law to the residuals of the previous one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,10 +19,10 @@ from pneunet_ros.discovery.covariates import CONSTANT, Covariate, ELAPSED
 from pneunet_ros.discovery.settings import LAW, PERIOD_COST
 import scipy
 
-CORRELATION_TIMES = 6  # tried, from the shortest period to the longest
-DIRECTIONS = 24  # principal components of a wandering amplitude in a recording
+CORRELATION_TIMES = 6  # to try, from the shortest period to the longest
+DIRECTIONS = 24  # principal components of an aperiodic amplitude in a recording
 MODULATIONS = ('1', 'p')  # constant amplitude, or one that grows with the pressure
-PERIODS = 160  # tried, evenly in frequency
+PERIODS = 160  # to try, evenly spaced in frequency
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +77,7 @@ def find_swing(
             best = float(gains.max()), float(periods[index]), modulation, sizes, std
     priors = prior * np.asarray(LAW.prior_sizes)
     free = log_gains(frame_evidence.score, frame_evidence.information, priors).max()
-    # A swing must explain more than a separate amplitude in every frame.
+    # A periodic law must explain more than a separate amplitude in every frame.
     if best is None or best[0] < max(free, 0.0) + PERIOD_COST:
         return None
     _, period, modulation, sizes, std = best

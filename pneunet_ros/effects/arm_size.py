@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, Field
 from typing import Any
 
-# Of the paper: the length, and of Table 1 the stiffness at 0 kPa (the two sections in series) over
-# its square, and the highest pressure.
+# From the paper: the length and, from Table 1, the stiffness at 0 kPa (the two sections in series)
+# over its square, and the highest pressure.
 PAPER_LENGTH = 0.112  # m
 PAPER_FORCE = 8e-3  # N
 PAPER_PRESSURE = 66e3  # Pa

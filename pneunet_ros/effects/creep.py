@@ -25,8 +25,8 @@ class Creep(Effect):
     name: ClassVar[str] = 'creep'
     place: ClassVar[Place] = 'actuation'
     meaning: ClassVar[str] = "kappa0_eff = (1 - a) kappa0 + a z, z' = (kappa0 - z) / time_constant"
-    # Silicone relaxes over decades of time, not by one constant, and what comes late, but soon, is
-    # taken for elastic. Invented; blind trials in which up to a third comes eight times as soon.
+    # Silicone relaxes over decades of time, not with one time constant, and its fast relaxation
+    # looks elastic. Invented; blind trials in which up to a third relaxes eight times as fast.
     law_error: ClassVar[float] = 0.15
     amplitude: float = quantity(
         0.0,

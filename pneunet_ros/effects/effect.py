@@ -52,7 +52,7 @@ from pneunet_ros.solver.columns import (
 )
 
 Place = Literal['sensing', 'actuation', 'material', 'mechanics', 'motion']
-# Methods that an effect may implement, by its declared place.
+# Methods that an effect may implement, by the place that it declares.
 DEFINES: dict[Place, frozenset[str]] = {
     'sensing': frozenset({'sense', 'see', 'frame_delay'}),
     'actuation': frozenset({'initial', 'actuate', 'in_play', 'history_terms'}),

@@ -17,8 +17,8 @@ class Gravity(Effect):
     name: ClassVar[str] = 'gravity'
     place: ClassVar[Place] = 'mechanics'
     meaning: ClassVar[str] = 'line load in the base frame'
-    # No arm is as heavy all along, and what lies near the clamp bends it less. Invented: one that
-    # is a third heavier at the clamp than on average reads a quarter too light in blind trials.
+    # The mass of no arm is uniform, and mass near the clamp bends it less. Invented: in blind
+    # trials an arm a third heavier at the clamp than on average appears a quarter too light.
     law_error: ClassVar[float] = 0.2
     weight_x: float = quantity(
         0.0,

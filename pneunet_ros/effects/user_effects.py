@@ -27,7 +27,7 @@ from pneunet_ros.effects.arm_size import DIMENSIONS
 from pneunet_ros.effects.effect import DEFINES, Effect, METHODS, Place
 
 ENTRY_POINTS = 'pneunet_ros.effects'  # entry points of installed packages with effects
-FOREIGN = (Exception, SystemExit)  # errors that code of others may raise while it is imported
+FOREIGN = (Exception, SystemExit)  # errors that third-party code may raise during its import
 
 
 def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
@@ -86,7 +86,7 @@ def add_installed_effects() -> tuple[type[Effect], ...]:
 
 def module_of(file: Path) -> ModuleType:
     """Return the module of an effect file, imported once; ModelError if that fails."""
-    # Of a path, so that processes that work for this one find it under the same name.
+    # Derived from the path, so that worker processes find it under the same name.
     name = f'pneunet_effects_{file.stem}_{zlib.crc32(str(file).encode()):08x}'
     if name in sys.modules:
         return sys.modules[name]

@@ -22,8 +22,7 @@ from pneunet_ros.model.gravity import FIXED, Gravity, IMU
 
 WHAT = 'base_imu reading'
 LEFT_OUT = 'the parameter gravity (--gravity) replaces base_imu'
-# Half way, as ratios go, from what rests and is read in g to what is read in m/s^2; and from
-# there to mg.
+# Geometric means of the norms at rest in g and in m/s^2, and in m/s^2 and in mg.
 SMALLEST = math.sqrt(STANDARD_GRAVITY)
 LARGEST = math.sqrt(STANDARD_GRAVITY * 1000.0)
 Direction = tuple[float, float]

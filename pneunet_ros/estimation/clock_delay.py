@@ -27,17 +27,17 @@ COARSE_STEPS = 4000  # largest number of delays in the scan
 CANDIDATES = 6  # delays of the scan that are examined closely
 LARGEST_GRID = 100_000  # instants of the table: memory
 CELLS = 4.0  # instants of the table in a frame
-RIDGE = 1e-7  # of the variance: keeps nearly collinear columns solvable
-BLOCKS = 16  # of the film, of which the jackknife leaves each out once
+RIDGE = 1e-7  # of the variance: regularizes nearly collinear columns
+BLOCKS = 16  # of the video, each left out once by the jackknife
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 FEWEST_FRAMES = 40  # with targets
-MOTION = 3.0  # std of it, over the noise of a frame
+MOTION = 3.0  # std of the motion, over the noise of a frame
 SEPARATION = 5.0  # frames between two separate delays
 LAW_RANGE = 0.5  # s: search range of the delay without plays
 BLUR = 0.02  # of the range of motion: displacement of a frame by the error of the delay
 
 Indices = npt.NDArray[np.int64]
-Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that weigh each
+Plays = tuple[tuple[float, ...], int]  # widths, and exponents of the pressure as their weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +80,9 @@ class ClockDelaySettings:
 
 
 NO_PLAYS: Plays = ((), 1)
-# Of 30 films of 10 s, 25 frames/s, of the arm of test_clock_delay.py, five such steps were
+# In 30 videos of 10 s at 25 frames/s, of the arm of test_clock_delay.py, five such steps were
 # enough in 25, six in 28, eight in all.
-SIGMA_OF_MEDIAN = 0.6745  # median of the size of what is normal, over its standard deviation
+SIGMA_OF_MEDIAN = 0.6745  # median absolute value of a normal variable, over its standard deviation
 REMEDY = 'eight quick steps to different levels, at irregular times, would determine it'
 CLOCK_DELAY = ClockDelaySettings()
 
@@ -386,7 +386,7 @@ class DelayFit:
         limit = math.sqrt(2.0) * MOTION * usual[0]
         is_repeated = (np.abs(np.diff(scores, axis=0)) < usual).all(axis=1)
         is_repeated &= np.abs(np.diff(main)) > limit
-        is_repeated &= np.abs(main[1:]) > np.abs(main[:-1])  # else the previous image is wrong
+        is_repeated &= np.abs(main[1:]) > np.abs(main[:-1])  # if not, the previous image is wrong
         is_repeated &= np.diff(self.time[frames]) < 1.5 * self.period
         return np.asarray(frames[1:][is_repeated])
 

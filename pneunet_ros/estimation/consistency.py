@@ -34,12 +34,12 @@ from pneunet_ros.measurement.innovation import innovation
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 import scipy
 
-ESTIMATES_KEPT = 256  # that wait for frames, which come later: memory
+ESTIMATES_KEPT = 256  # readings that wait for later frames: memory
 MOST_WAITING = 128  # frames that wait for their readings: memory
-PERIODS = 32  # last ones, of which the median is taken
+PERIODS = 32  # latest ones, for the median
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 FEWEST_FRAMES = 10  # for a verdict
-MANY = 0.25  # share of recent frames beyond the limit that is a disagreement, not a few bad ones
+MANY = 0.25  # share of recent frames beyond the limit from which it is a disagreement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -96,7 +96,7 @@ class EstimatorHealth(InputHealth):
     ) -> tuple[Level, str]:
         errors, dropped = self.problems()
         if self.silence(now) > input_timeout:
-            # A refusal since the last report is the likely cause; older errors were reported.
+            # A rejection since the last report is the likely cause; older errors were reported.
             return Level.ERROR, '; '.join([self.silence_sentence(now), *dropped])
         if errors:
             return Level.ERROR, '; '.join([*errors, *dropped])

@@ -38,7 +38,7 @@ def with_measured_tip(
     if estimate.noise is None or estimate.curved is None or estimate.position is None:
         return None
     sensitivity = estimate.curved.sensitivity
-    known = estimate.noise[LOADS:].copy()  # pressure and model: no wrench was read
+    known = estimate.noise[LOADS:].copy()  # pressure and model: no wrench was measured
     known[:, :LOADS] = 0.0
     causes = with_extrapolation_error(known, estimate.position)
     forces = slice(0, FORCE_Y + 1)

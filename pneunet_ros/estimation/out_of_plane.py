@@ -8,9 +8,9 @@ from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.model.arm import Arm
 
-TINY = 1e-300  # no limit at all, of sensors without noise
-NOISE = 4.0  # sigma of a sensor: no limit is smaller
-STOP = 3.0  # limits of a warning are an error: the contract of out_of_plane_limit
+TINY = 1e-300  # no limit, for sensors without noise
+NOISE = 4.0  # sigma of a sensor: smallest limit
+STOP = 3.0  # times the limit of a warning is an error, as documented for out_of_plane_limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,7 +40,7 @@ READINGS = PRESSURE + 1  # number of errors of a frame due to its own readings; 
 LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 FEWEST_FRAMES = 20  # for a verdict
-SEEN = 0.1  # of the variance of a prior: less is no observation of the unknown
+SEEN = 0.1  # of the variance of a prior: with a smaller reduction the unknown is not observed
 REPAINTED = 0.25  # of placement_std: few columns do not hold all of its uncertainty
 
 
@@ -209,7 +209,7 @@ def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErro
     columns = problem.columns
     scores = np.einsum('tci,tc->ti', problem.shared, rest) @ covariance
     repeated = equivalent_frames(scores[:, : columns or unknowns])
-    # Covariance of a step before the frames are known: due to the prior and to their noise.
+    # Covariance of a step before the frames are known, due to the prior and their noise.
     spread = covariance @ (gram @ gram + repeated * gram) @ covariance
     places = columns + 2 * arm.target_arclength.size
     model_distance, model_observed = distance(model.step[:columns], spread[:columns, :columns])
@@ -217,7 +217,7 @@ def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErro
     likely = min(chance_of(model_distance, model_observed), chance_of(all_distance, all_observed))
     dof = float(problem.coordinates - np.trace(gram @ covariance))
     spread_left = math.hypot(math.sqrt(2.0 * repeated / dof), 2.0 * PERSISTENCE.white_error)
-    chance = min(2.0 * likely, 1.0)  # of two that were tried
+    chance = min(2.0 * likely, 1.0)  # the best of two candidates
     step, known = model.step[:columns], covariance[:columns, :columns]
     if chance < RARE:
         step, known = without_prior(step, known)
@@ -362,7 +362,7 @@ def tip_displacement_of(
     shared = stated @ spread
     mean = offset @ stated @ offset + np.trace(shared)
     variance = 2.0 * np.trace(shared @ shared) + 4.0 * offset @ shared @ stated @ offset
-    if variance <= 0.0:  # nothing moves the tip, or by so little that its square is nothing
+    if variance <= 0.0:  # nothing moves the tip, or its square underflows
         return float(offset @ offset), float(mean > LARGEST_95)
     outside = scipy.special.gammaincc(mean**2 / variance, LARGEST_95 * mean / variance)
     return float(offset @ offset), float(outside)

@@ -143,7 +143,7 @@ class EstimatorSettings:
         return self.pressure if self.judge_readings else None
 
 
-# Asked for at every reading, and always the same.
+# Evaluated at every reading, but always the same.
 wrench_convention = lru_cache(maxsize=64, typed=True)(WrenchConvention)
 pressure_convention = lru_cache(maxsize=64, typed=True)(PressureConvention)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pneunet_ros.diagnosis.experiment_design import Experiment
 
-# It leaves the upper pressures to later ones: what a first loading does is seen but once.
+# Upper pressures are left to later experiments: a first loading can be observed only once.
 BEGINNING = Experiment(
     words='without a load, a fast step up and down, then slow ramps, to 60 % of the pressure',
     corners=(
@@ -14,7 +14,7 @@ BEGINNING = Experiment(
         (17, 0.2, 0, 0), (26, 0.6, 0, 0), (29, 0.6, 0, 0), (38, 0, 0, 0), (40, 0, 0, 0),
     ),
 )  # fmt: skip
-DIRECTIONS = (  # each followed by the opposite one
+DIRECTIONS = (  # each followed by its opposite
     ((1.0, 0.0), 'along the arm at rest (E1)'),
     ((-1.0, 0.0), 'along the arm at rest (-E1)'),
     ((0.0, 1.0), 'across the arm at rest (E2)'),

@@ -15,7 +15,7 @@ from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 from pneunet_ros.diagnosis.settings import LEAST_EVIDENCE
 
-NOTHING = 'nothing'  # the rival without a missing effect besides the named ones
+NOTHING = 'nothing'  # the rival with no missing effect besides the named ones
 
 
 def named_effects(investigation: Investigation | UnsettledInvestigation) -> frozenset[str]:

@@ -43,7 +43,7 @@ class SafeSet:
         low, high = arm.pressure_range
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
         force = float(np.hypot(*loads.T).max()) if loads.size else arm.weight
-        # An arm under vacuum ends where its gauge reads noise at rest.
+        # The range of an arm under vacuum ends at the noise of the gauge at rest.
         rest = DOMAIN.pressure_noise * arm.sensors.pressure_std
         low, high = (low, min(high, 0.0)) if high <= min(rest, -low) else (max(low, 0.0), high)
         hull = arm.load_hull if force else None

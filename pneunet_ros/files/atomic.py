@@ -111,7 +111,7 @@ class _Output:
                 f'{self.path} appeared in the meantime: choose another name or pass --overwrite',
                 reason='exists',
             )
-        # What stands there may be another thing than at the start, such as a folder of others.
+        # The path may have changed since the start, for example to a folder of somebody else.
         _check_place(self.path, self.final, self.overwrite, self.inputs, self.replaceable)
         if not self.temporary.exists():
             raise RecordingError(
@@ -141,8 +141,8 @@ class _Output:
             os.close(self.lock)
 
 
-# Outputs that this process has put in place or begun to: what the user called them, their place,
-# and the number that the file system gave what was written.
+# Outputs that this process has begun or finished: the user's name, the path, and the inode of the
+# written file or folder.
 _PUT: list[tuple[str, Path, int]] = []
 _TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', default=None)
 

@@ -17,7 +17,7 @@ from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.files.regular_file import open_regular
 
 LARGEST_ARCHIVE = 100_000_000  # bytes, unpacked
-ROUNDING = 1e-9  # asymmetry of a sum of outer products, relative to its largest entry
+ROUNDING = 1e-9  # largest asymmetry of a sum of outer products, relative to its largest entry
 KINDS = {'number': 'iuf', 'integer': 'iu', 'text': 'U'}  # kind codes of numpy
 
 # Errors of zipfile and numpy for damaged bytes; also RuntimeError (encrypted) and

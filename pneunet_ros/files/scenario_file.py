@@ -19,7 +19,7 @@ from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
 from pneunet_ros.lab.sensors import LabNoise, Rates
 
 SCHEMA_VERSION = 1
-FOLDER = 'scenarios'  # of the shipped ones
+FOLDER = 'scenarios'  # of the scenarios in the package
 NEEDED = ('schema_version', 'name', 'arm', 'protocol')
 OPTIONAL = (
     'seed',

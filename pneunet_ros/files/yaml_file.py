@@ -20,7 +20,7 @@ from ruamel.yaml.error import YAMLError
 
 LARGEST_FILE = 1_000_000  # bytes
 LARGEST_CONTENT = 1_000_000  # values, counted as often as aliases repeat them
-DEEPEST = 100  # brackets within brackets
+DEEPEST = 100  # nested brackets
 LARGEST_INTEGER = 10**1000  # Python refuses to convert much longer integers to text
 LONGEST_SENTENCE = 600  # characters
 

@@ -86,7 +86,7 @@ class Valve:
     def pressure(self, start: float, command: float, seconds: Array) -> Array:
         """Return the exact pressures (n,) Pa at times (n,) s after the pressure `start`."""
         distance = abs(command - start)
-        # A ramp at the rate limit, then an exponential once the rest is slow enough.
+        # A ramp at the rate limit, then an exponential once the remaining change is slow enough.
         exponential_part = min(distance, self.rate_limit * self.time_constant)
         ramp_time = (distance - exponential_part) / self.rate_limit
         after = np.maximum(seconds - ramp_time, 0.0)

@@ -23,7 +23,7 @@ from pneunet_ros.mujoco.hinge_chain import HingeChain, mjcf_tree
 from pneunet_ros.mujoco.library import load_mujoco
 
 BLOCK = 1000  # steps whose springs and loads are computed at once
-DRIVE = 1e6  # inertia of what turns the base, in those of the arm about the clamp
+DRIVE = 1e6  # inertia of the drive of the base, relative to that of the arm about the clamp
 
 HOLD = 1e3  # N m/rad, of the base while the arm comes to rest; anything that is not a spring of it
 
@@ -258,7 +258,7 @@ class Run:
         start = self.model.body('link_1' if self.has_clamp_hinge else 'base').id
         self.bodies = slice(start, start + self.links + 1)
         self.dofs = slice(int(self.turning), None)
-        # From the middle of mass of each link back to where it begins (m).
+        # From the center of mass of each link back to its beginning (m).
         self.middles = np.full(self.links + 1, 0.5 * self.link)
         self.middles[[0, -1]] *= 0.5
         self.come_to_rest(chain)
@@ -311,7 +311,7 @@ class Run:
                 pos=f'{x:.9g} {y:.9g} 0',
                 mass='0',
             )
-        # MuJoCo takes friction 0 for 1e-5, and the forces it then finds are noise.
+        # MuJoCo replaces friction 0 by 1e-5, and its forces are then noise.
         friction = {'friction': f'{motion.peg_friction:g} 0 0'}
         for geom in root.iter('geom'):
             geom.attrib.update(friction if motion.peg_friction else {'condim': '1'})
@@ -331,7 +331,7 @@ class Run:
 
         def loads() -> None:
             self.set_loads(chain, 0)
-            if self.turning:  # otherwise the base would be free
+            if self.turning:  # the base would be free without it
                 self.data.qfrc_applied[0] = -HOLD * (self.data.qpos[0] - base)
 
         come_to_rest(self.model, self.data, loads)
@@ -411,7 +411,7 @@ class Run:
 
     def steps(self, chain_at: ChainAt, begins: Array, of_base: Array) -> Iterator[Swing]:
         """Step at times (n,) s, the base at its own times; yield the joints before each step."""
-        # Springs and loads of a step are those in its middle.
+        # Springs and loads of a step are evaluated at its middle.
         chain = chain_at(freeze(begins + 0.5 * self.motion.timestep))
         self.hinges = Hinges(chain, self.links)
         base, pulls = self.base_at(of_base), self.motion.pull(of_base, self.duration)

@@ -30,12 +30,12 @@ class PressureJumpSettings:
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 IDLE_REACH = 4.0  # sigma: largest reading of a force sensor without a load
-CHANCE = 0.01  # that noise alone exceeds a limit, in a long recording
-SAME_INSTANT = 0.1  # of a period, from a reading to a frame that was triggered with it
-TRIGGERED = 0.95  # share of the frames that must be as near
+CHANCE = 0.01  # probability that noise alone exceeds a limit in a long recording
+SAME_INSTANT = 0.1  # of a period, largest time from a reading to a frame triggered with it
+TRIGGERED = 0.95  # share of the frames that must be this close
 JUMP_NOISE = 8.0  # sigma: a jump that noise does not explain
 JUMP_SPAN = 0.01  # of the span of the readings: least jump that matters
-CERTAIN = 0.1  # of a change, from a reading to a frame that shows its value
+CERTAIN = 0.1  # of a change, largest time from a reading to a frame that shows its value
 PRESSURE_JUMP = PressureJumpSettings()
 
 

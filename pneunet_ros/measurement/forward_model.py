@@ -41,7 +41,7 @@ from pneunet_ros.solver.frame_series import (
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import FRAME_ITERATIONS, MOST_PANELS, SOLVER, TURNED
 
-LEAST_SHARE = 2.0**-6  # of a step of Newton's method, before it is given up
+LEAST_SHARE = 2.0**-6  # of a Newton step, before the search ends
 LOAD_STEP = 1e-4  # of weight and length: difference step where effects depend on the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 

@@ -12,7 +12,7 @@ from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.uncertainty import SensorNoise
 
-FEWEST_BEYOND_CLAMP = 3  # targets that determine a tip: as many as shapes of the row
+FEWEST_BEYOND_CLAMP = 3  # targets that determine a tip: one per shape of the row
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,7 +95,7 @@ def tip_distance(residual: Array, std: Array, errors: Array, share: Array) -> fl
     if np.count_nonzero(share > 0.0) < FEWEST_BEYOND_CLAMP:
         return math.nan
     row = np.stack([np.ones(share.size), share**2, share**3])  # shifted, bent, bent at its end
-    tip = [0.0, 1.0, 1.0]  # an offset of the whole row is due to the camera
+    tip = [0.0, 1.0, 1.0]  # the camera causes an offset of the whole row
     weights = tip @ np.linalg.pinv((row / std).T) / std
     noise = np.full(2, np.linalg.norm(weights * std))
     return float(squared_distance(residual @ weights, noise, errors @ weights))

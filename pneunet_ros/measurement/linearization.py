@@ -187,7 +187,7 @@ def linearize(
     by_input = as_points(at_painted_targets(fields, targets))
     moving = disturbance_jacobian(run, targets).reshape(*by_input.shape[:2], -1)
     std: float | Array = noise.target_std
-    if run.heading is not None:  # the camera's place does not turn it
+    if run.heading is not None:  # an offset of the camera does not rotate the tip
         by_input = np.concatenate([by_input, fields[:, None, :, THETA, -1]], axis=1)
         moving = np.pad(moving, ((0, 0), (0, 1), (0, 0)))
         std = np.append(np.full(by_input.shape[1] - 1, noise.target_std), noise.heading_std)

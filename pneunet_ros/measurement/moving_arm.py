@@ -45,17 +45,17 @@ from pneunet_ros.solver.swing import (
     widen,
 )
 
-SHAPES = 2  # with 3 shapes the tip is up to 0.06 mm closer to MuJoCo, at three times the cost
-# What links and shapes leave out: relative error of frequency^2, of damping and, per swing of the
-# tip, of each shape. Measured: with it 97 % and more of the tips lie in their ellipse of 95 % in
+SHAPES = 2  # with 3 the tip is up to 0.06 mm closer to MuJoCo, at three times the cost
+# Error of the reduced model: relative error of frequency^2, of damping and, per swing of the tip,
+# of each shape. Measured: with it 97 % and more of the tips lie in their ellipse of 95 % in
 # MuJoCo, while they swing after steps of 20 to 40 kPa by up to 90 mm.
 LEFT_OUT = 0.002
 WITHIN_95 = 1.96  # standard deviations, 95 % of a normal error
-# What is likely of an arm whose model does not say how it swings: the loss factor of silicone
-# rubber (0.05 to 0.3, by hardness and frequency), and its weight as a model file has it.
+# Prior for an arm whose model does not include its motion: the loss factor of silicone rubber
+# (0.05 to 0.3, by hardness and frequency), and its weight as a model file has it.
 LOSS_FACTOR, LOSS_FACTOR_ERROR, WEIGHT_ERROR = 0.15, 0.7, 0.2
 STEP = 1.0  # of the integration, per shortest time of the motion; it is stable up to 2.8
-MOST_STEPS = 2000  # between two readings: after a longer gap the swing of the arm is unknown
+MOST_STEPS = 2000  # between two readings: after a longer gap the motion of the arm is unknown
 
 
 class BaseMotion(NamedTuple):

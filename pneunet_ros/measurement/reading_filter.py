@@ -156,7 +156,7 @@ class Lines:
             else:
                 pending += [(corner + 1, last), (first, corner)]
         pieces: list[Piece] = []
-        for piece in segments:  # merge again where an early split was not needed
+        for piece in segments:  # merge pieces again after an unnecessary early split
             if pieces and self.corner(pieces[-1][0], piece[1]) is None:
                 pieces[-1] = (pieces[-1][0], piece[1])
             else:

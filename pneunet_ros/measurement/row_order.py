@@ -13,7 +13,7 @@ from pneunet_ros.core.arrays import Array
 FEWEST_FRAMES = 5  # with a target, for its motion
 CHORD = 0.1  # of the length, from an end to the target that gives its direction
 TURNS = 0.2  # rad: least rotation of the first targets at a wrong end
-TIMES = 3.0  # rotations of the last targets: an even bend gives a third or less
+TIMES = 3.0  # rotations of the last targets: a uniform bend gives a third or less
 AT_CLAMP = 0.01  # of the length: a target so near to the clamp does not move with the arm
 CLAMP_MOVES = 0.005  # of the length, with the pressure: a note is given
 CLAMP_NOISE = 5.0  # sigma of a target, which a note exceeds as well
@@ -56,7 +56,7 @@ def end_turns(points: Array, arclength: Array) -> tuple[float, float] | None:
     seen = np.isfinite(points[:, 0]).sum(axis=0) >= FEWEST_FRAMES
     known = np.flatnonzero(seen)
     if known.size < 3 or arclength[known[0]] > CHORD * arclength[-1]:
-        return None  # what turns little at the clamp is not seen
+        return None  # a small rotation at the clamp is not visible
     reach = CHORD * (arclength[known[-1]] - arclength[known[0]])
     first, last = arclength[known[0]] + reach, arclength[known[-1]] - reach
     after = int(known[1:][arclength[known[1:]] >= first - 1e-12][0])

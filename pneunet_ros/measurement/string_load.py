@@ -13,8 +13,9 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.string import radius_of, String
 
 FEWEST = 3  # last targets that must be seen, or the tip itself
-# Of the length: targets so near the soft end determine the tangent there. For targets every 5 mm,
-# where the arm of the paper bends most, curve and noise then make about equal errors of the tip.
+# Arm lengths: targets so close to the soft end determine the tangent there. With targets every 5
+# mm, at the largest curvature of the paper's arm, curvature and noise then cause about equal
+# errors of the tip.
 TANGENT = 0.25
 
 

@@ -171,7 +171,7 @@ class SwingingArm:
         object.__setattr__(self, 'middles', freeze(middles))
         mid_range = solve(self.moving.arm, 0.5 * sum(self.moving.arm.pressure_range))
         modes = vibration(self.moving.arm, mid_range, Motion.SHAPES + NEXT)
-        assert modes is not None  # `MovingArm` has found the slower ones
+        assert modes is not None  # `MovingArm` includes the slower ones
         object.__setattr__(self, 'next_shapes', modes.shape[Motion.SHAPES :])
 
     def part(self, which: slice) -> slice:

@@ -60,7 +60,7 @@ class TipFrameSettings:
 
 TIP_FRAME = TipFrameSettings()
 ANY_ANGLE = math.pi / math.sqrt(3.0)  # rad, one sigma of an unknown angle
-DIRECTIONS = 12  # in which the search starts
+DIRECTIONS = 12  # for the start of the search
 MODES = 4  # Legendre polynomials of the departure of the curvature from its mean
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -250,7 +250,7 @@ def find_base(poses: Array, arm: Arm) -> FoundBase | None:
         for turn in (1.0,) if known.all() else (-1.0, 1.0):
             start = np.full(3 + np.count_nonzero(~known), turn)
             start[:3] = *(middle - reach * np.array([np.cos(angle), np.sin(angle)])), angle
-            with np.errstate(all='ignore'):  # poses may determine nothing; checked below
+            with np.errstate(all='ignore'):  # the poses may be insufficient; checked below
                 search = scipy.optimize.least_squares(residual, start, x_scale='jac', max_nfev=200)
             if best is None or search.cost < best.cost:
                 best = search

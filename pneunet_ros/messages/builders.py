@@ -25,7 +25,7 @@ ARRAY_TYPE = 'std_msgs/msg/Float64MultiArray'
 IMAGE_TYPE = 'sensor_msgs/msg/Image'
 POINTS_TYPE = 'sensor_msgs/msg/PointCloud2'
 POSE_TYPE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
-UNREADABLE = 'unreadable'  # reason of a refusal: a message does not match the type of its topic
+UNREADABLE = 'unreadable'  # reason of a rejection: a message does not match the type of its topic
 # Errors of missing fields, fields of another type, and infinite values of integers.
 UNFIT = (AttributeError, TypeError, ValueError, OverflowError)
 

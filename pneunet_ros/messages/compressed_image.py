@@ -87,7 +87,7 @@ def decode_with_messages(data: Bytes, *, colored: bool, upright: bool) -> tuple[
     the file, as viewers do. Images of messages are not turned, because camera_info refers to the
     sensor.
     """
-    import cv2  # readings do not use it
+    import cv2  # not needed for readings
 
     flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colored else 0)
     flags |= 0 if upright else cv2.IMREAD_IGNORE_ORIENTATION

@@ -38,8 +38,9 @@ SHAPE_POINT = np.dtype(
     }
 )
 
-# The point of `state`: float32 coordinates, the mode in the 4 bytes after them, then all that a
-# controller needs of one moment. Covariances of x, y (m) and theta (rad); jacobian row by row.
+# The point of `state`: float32 coordinates, the mode in the 4 bytes after them, then everything
+# that a controller needs at one instant. Covariances of x, y (m) and theta (rad); jacobian row by
+# row.
 COVARIANCES = {'xx': (0, 0), 'xy': (0, 1), 'xt': (0, 2), 'yy': (1, 1), 'yt': (1, 2), 'tt': (2, 2)}
 STATE_POINT = np.dtype(
     {

@@ -45,7 +45,7 @@ FORCE_POINT = np.dtype(
     }
 )
 
-# The point of `fused/contact`: float32 coordinates, 4 bytes of nothing, and what is known of it.
+# The point of `fused/contact`: float32 coordinates, 4 bytes of padding, and its estimates.
 CONTACT_POINT = np.dtype(
     {
         'names': ['x', 'y', 'z', 's', 'std_s', 'force', 'std_force', 'log_odds'],
@@ -124,8 +124,8 @@ def fused_state(fused: FusedEstimate) -> npt.NDArray[Any]:
     return state_point(fused.estimate, STATE_MODES[fused.mode])
 
 
-# The modes of `state` and `fused/state` are counted from the estimator's, those of
-# `fused/end_force` from the best.
+# The modes of `state` and `fused/state` start at the estimator's, those of `fused/end_force` at
+# the best.
 STATE_MODES = {
     Mode.PREDICTION: StateMode.PREDICTION,
     Mode.FUSED: StateMode.FUSED,

@@ -11,7 +11,7 @@ from pneunet_ros.fusion.grasp import Grasp, Mount
 from pneunet_ros.messages.base_frames import TRANSFORM_TYPE
 from pneunet_ros.messages.builders import header, MessageTypes, Output, point_cloud, POINTS_TYPE
 
-# Float32 coordinates of the center, and how many arms touch something in the 4 bytes after them.
+# Float32 coordinates of the center, and the number of arms in contact in the 4 bytes after them.
 GRASP_NUMBERS = ('width', 'std_width', 'force', 'std_force')
 BALANCE = ('x', 'y', 'z')
 GRASP_POINT = np.dtype(

@@ -18,7 +18,7 @@ from pneunet_ros.messages.builders import MessageTypes, Output
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 MOST_LINKS = 14  # equal ones of the 57 stations of the default
-RADIUS = 0.003  # m, of a link for the eye
+RADIUS = 0.003  # m, of a link as drawn
 LARGEST_FORCE, LARGEST_SPEED = '1', '10'  # URDF requires these limits; nothing uses them
 
 

@@ -393,7 +393,8 @@ BASE_IMU = Sensor(
     row=imu_row,
     message=imu_message,
 )
-# The end load of a string whose tension is known: no sensor has read it, and none is taken for it.
+# The end load of a string with known tension: not measured by a sensor, and never attributed to
+# one.
 STRING_WRENCH = replace(END_WRENCH, name='string_wrench', label='pull of the string')
 SENSORS: tuple[Sensor[Any], ...] = (
     PRESSURE,
@@ -411,7 +412,8 @@ FIXED_FRAMES, FRAMES = (
     )
     for name in ('tf_static', 'tf')
 )
-# In the order of ties: the inputs of an estimate precede the pressure, which triggers it.
+# In order of priority at equal stamps: the inputs of an estimate precede the pressure, which
+# triggers it.
 OF_ESTIMATOR: tuple[Input[Any], ...] = (
     FIXED_FRAMES,
     FRAMES,
@@ -421,7 +423,7 @@ OF_ESTIMATOR: tuple[Input[Any], ...] = (
     TARGETS,
 )
 OF_FUSION: tuple[Input[Any], ...] = (FIXED_FRAMES, FRAMES, BASE_IMU, END_WRENCH, TARGETS, PRESSURE)
-FUSED = 'fused'  # namespace of what the fusion estimates
+FUSED = 'fused'  # namespace of the estimates of the fusion
 
 
 def gravity_inputs(source: GravitySource) -> tuple[Input[Any], ...]:

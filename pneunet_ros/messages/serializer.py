@@ -20,7 +20,7 @@ from pneunet_ros.messages.builders import header, MessageTypes, Output, Result
 
 Serialize = Callable[[Any, str], bytes]
 
-# A stamp that no message holds by chance: 1234567890 s, 987654321 ns.
+# A stamp that does not occur in a message by chance: 1234567890 s, 987654321 ns.
 _PROBE_STAMP = 1_234_567_890_987_654_321
 _STAMP = struct.Struct('<iI')
 _BODY = 4  # bytes of encapsulation before the body; the body is aligned, not the whole

@@ -10,7 +10,7 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.messages.builders import MessageTypes, Output, point_cloud, POINTS_TYPE
 
 # A point of `targets`: float32 coordinates, as RViz draws nothing else, and the index of the
-# target in the 4 bytes after them; what is measured in the image has all its digits.
+# target in the 4 bytes after them; image measurements keep all their digits.
 TARGET_POINT = np.dtype(
     {
         'names': ['x', 'y', 'z', 'id', 'u', 'v', 'area', 'major', 'minor', 'angle', 'std'],

@@ -37,7 +37,7 @@ from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
 
 CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'
-WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal: the lens in it cannot be used
+WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a rejection: its lens model is unusable
 
 
 def decode_image(message: Any) -> Image:

@@ -61,14 +61,14 @@ from pneunet_ros.solver.columns import (
 from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
-SEEN_STEP = 1e-5  # of the reach: of central differences of what effects of the camera do
-# The inverse of what effects of the camera do: error left (of the reach, as rounding allows), and
-# most steps of Newton's method, which converges in a few or not at all.
+SEEN_STEP = 1e-5  # of the reach: step of central differences of the effects of the camera
+# Inversion of the effects of the camera: remaining error (of the reach, near rounding), and
+# largest number of Newton steps; the search converges in a few or not at all.
 UNSEEN, UNSEEN_STEPS = 1e-12, 50
-RIGID = 1e9  # times as stiff as the section before is the cap
-# Blocks of the model file whose numbers can be moved.
+RIGID = 1e9  # times as stiff as the section before: the cap
+# Blocks of the model file whose numbers can be perturbed.
 MOVABLE = ('intrinsic_curvature', 'moment_law', 'effects', 'sensors', 'gravity', 'motion')
-ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: what noise reads
+ONE_PRESSURE = 100.0  # Pa, on either side of the only row of a table: the noise of a sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,7 +133,7 @@ class Arm:
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
-        if low == high:  # tables with one row: no other pressure is known
+        if low == high:  # tables with one row: the model is known at one pressure only
             low, high = low - ONE_PRESSURE, high + ONE_PRESSURE
         scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
         object.__setattr__(self, 'scale', scale)
@@ -190,7 +190,7 @@ class Arm:
         """Reject a covariance of quantities or targets that the arm does not have."""
         if self.covariance is None:
             return
-        self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # they must exist
+        self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # the parts must exist
         if 'arm.tip_cap' in self.covariance.quantities and not self.tip_cap:
             raise ModelError(
                 'covariance: arm.tip_cap is uncertain, but the arm has no cap: state its '

@@ -220,7 +220,7 @@ def spanned_domain(end_load: Array, length: float, span: tuple[float, float]) ->
         furthest = int(np.argmax(distance))
         if distance[furthest] <= near:
             break
-        # The hull has grown since the distance was computed, which may be smaller now.
+        # The distance may be smaller now, because the hull has grown since.
         distance[furthest] = np.linalg.norm(hull.way_out(scaled[furthest]))
         if distance[furthest] == distance.max():
             taken.append(furthest)

@@ -347,7 +347,7 @@ def solve_dead_loads(
     missed = at_stations(
         problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values
     )
-    # Loads beyond all numbers leave residuals of zero at the Gauss points, and NaN elsewhere.
+    # Overflowing loads leave residuals of zero at the Gauss points, and NaN elsewhere.
     if missed > settings.turn_per_panel or not np.isfinite(values[THETA]).all():
         reason = 'no equilibrium found: the load is far beyond that of any arm'
         return failed_shape(arm, load, arclength, reason, missed, problem.iterations)
@@ -489,7 +489,7 @@ def linearize_shape(
         heading = headings(solution, rods)
         every = turns(rods, heading)
         if changes is not None:
-            # The loads' causes come before those of the turns here.
+            # Here the causes of the loads precede those of the rotations.
             every = replace(changes.pointed(heading), by_load=False).followed_by(every)
     single = linearize_singly(solution, rods, every)
     by_load = changes is not None and changes.by_load
@@ -561,7 +561,7 @@ def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> 
     if not pushes:
         return mixing
     turned = push_rotations(single, rods.push_place)
-    if changes is not None:  # at a place that moves along the arm, the heading changes
+    if changes is not None:  # the heading changes at a position that moves along the arm
         order = np.argsort(rods.push_place)
         curvature = np.empty(pushes)
         curvature[order] = single.fields(rods.push_place[order])[CURVATURE]

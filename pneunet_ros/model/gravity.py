@@ -15,7 +15,7 @@ from pneunet_ros.core.units import check_quantities, quantity
 
 OUT_OF_PLANE = 'out_of_plane'
 IMU = 'imu'
-FIXED = '='  # no name of a frame
+FIXED = '='  # not the name of a frame
 ROUNDING = 1e-3  # a unit vector written with three digits may be longer than 1 by this much
 FRAME_NAME = re.compile(r'/?[A-Za-z_][\w/.-]*')
 ALLOWED = (

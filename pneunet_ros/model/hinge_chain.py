@@ -25,8 +25,8 @@ from pneunet_ros.solver.columns import (
 )
 from pneunet_ros.solver.rod import Rods
 
-# Between the tables' own rows the laws are linear in pressure, but 1/B and l1 within a hinge are
-# not: with so many rows what is interpolated is below 1 um at the tip.
+# Between the rows of the tables the laws are linear in pressure, but 1/B and l1 within a hinge are
+# not: with this many rows the interpolation error is below 1 um at the tip.
 ROWS = 64
 SLENDER = 1.0 / 16.0  # radius of the capsules / length: a finger of 112 mm is 14 mm thick
 

@@ -40,11 +40,11 @@ PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)
 MOST_TRIALS = 150
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 DETERMINED = 1.5e-4  # force_scale / length: least singular value of d tip / d force
-FORCE_AT_FAULT = 1e-3  # of the length; tip error below which the force is at fault
-MILLIMETERS = 10.0  # lengths: a tip so far away is in millimeters
+FORCE_AT_FAULT = 1e-3  # of the length; tip error below which an undetermined force is the cause
+MILLIMETERS = 10.0  # lengths: the position of a tip this far away is probably in millimeters
 
 
-EXACT = SolverSettings(tolerance=0.0)  # each trial as exact as rounding lets it be
+EXACT = SolverSettings(tolerance=0.0)  # each trial is as exact as rounding allows
 
 
 def solve_tip(

@@ -20,7 +20,7 @@ from pneunet_ros.solver.rod import Rods, RodTable
 
 COLUMN_STEP = 0.01  # sigma; step of a central difference along a column of the covariance
 PRESSURE_STEP = 1e-5  # of the calibrated range; step of a central difference
-# Of weight and length; step of a central difference, for what effects make of a load.
+# Of weight and length; step of a central difference, for loads changed by effects.
 LOAD_STEP = 1e-4
 
 

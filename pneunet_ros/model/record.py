@@ -16,8 +16,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.effects.effect import across, NOTHING, Part, Terms
 from pneunet_ros.solver.columns import ROTATION_WIDTH, START
 
-# Where a part ends at an end of the arm or where another begins, a section of this length, in s /
-# l, is left between them: a neighbor of the arm then has as many sections, and none is empty.
+# Where a part ends at an end of the arm or at another part, a section of this length, in s / l,
+# separates them: a neighbor of the arm then has equally many sections, and none is empty.
 LEAST_SECTION = 1e-9
 Indices = npt.NDArray[np.int64]
 POWERS = range(ROTATION_WIDTH)

@@ -11,7 +11,7 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 MEASURED = 'measured with a ruler and a scale'
 INVENTED = 'invented, as a starting point for the calibration'
-# Placeholders, until a calibration finds others.
+# Placeholders until the first calibration.
 TURN = 2.0  # rad, of the tip at the largest pressure
 SPLIT = 0.1  # l1 / l, representative: the paper's arm
 RIGIDITY = (0.085, 0.05)  # B / (mg l^2), representative: the paper's arm

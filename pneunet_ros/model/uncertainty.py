@@ -13,7 +13,7 @@ from pneunet_ros.core.units import check_quantities, quantity
 MOST_COLUMNS = 12
 STIFFNESS = ('rigidity', 'bending_stiffness', 'modulus')  # of the moment laws
 NOT_MEASURED = ('representative', 'not fitted', 'estimated', 'assumed')  # words of `sources`
-_POSITIVE = (0.0, 1e9)  # finite: what is not measured at all has no sigma
+_POSITIVE = (0.0, 1e9)  # finite: an unmeasured quantity has no sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

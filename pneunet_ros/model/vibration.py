@@ -12,7 +12,8 @@ from pneunet_ros.solver.links import Links, links_of, Masses
 from pneunet_ros.solver.modes import Modes, modes_of
 from pneunet_ros.solver.solution import SolverNodes
 
-# Frequencies are 0.04 % off with so many (first mode; the second 0.3 %), by those of 192 links.
+# With this many links frequencies are off by 0.04 % (first mode; 0.3 % second mode), compared with
+# 192 links.
 LINKS = 24
 
 

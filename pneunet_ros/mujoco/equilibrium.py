@@ -11,9 +11,9 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.mujoco.library import load_mujoco
 
 STEP = 1e-6  # rad, of finite differences
-SETTLED = 1e-11  # rad, of the last step of Newton, quadratic before
+SETTLED = 1e-11  # rad, of the last Newton step; convergence is quadratic
 MOST_STEPS = 100
-LONGEST_STEP = 0.03  # rad of a hinge: a finger of 56 links turns by 1.7 rad at most at once
+LONGEST_STEP = 0.03  # rad per hinge: a finger of 56 links turns by at most 1.7 rad per step
 
 
 def come_to_rest(model: Any, data: Any, apply_loads: Callable[[], None]) -> None:

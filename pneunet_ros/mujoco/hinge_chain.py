@@ -18,7 +18,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity, STANDARD_GRAVITY
 
 LINKS = 56
-# MuJoCo refuses an inertia of 1e-15 kg m^2 or less (mjMINVAL), that of a link of 10 mg and 35 um.
+# MuJoCo rejects an inertia of 1e-15 kg m^2 or less (mjMINVAL), as of a link of 10 mg and 35 um.
 LEAST_INERTIA = 2e-15
 TABLES = 'pressure', 'stiffness', 'rest', 'cubic', 'damping_time'
 
@@ -205,7 +205,8 @@ def add_tip(body: ElementTree.Element, chain: HingeChain) -> None:
         add_capsule(body, chain, soft_end, soft_end + chain.tip_cap)
     if chain.tip_mass > 0.0:
         heavy = ElementTree.SubElement(body, 'body', name='tip_mass', pos=tip)
-        # MuJoCo has no point mass: a sphere with a hundredth of a link's length is almost one.
+        # MuJoCo has no point mass: a sphere of a hundredth of the length of a link approximates
+        # it.
         size = 1e-2 * chain.length / chain.hinge.size
         inertia = numbers([max(0.4 * chain.tip_mass * size**2, LEAST_INERTIA)] * 3)
         mass = numbers([chain.tip_mass])

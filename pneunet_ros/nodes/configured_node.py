@@ -77,9 +77,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         self.ready_at = math.inf  # s of a steady clock
         self.losses, self.shedding = Losses(), LoadShedding()
         self.other_descriptions = OtherDescriptions()
-        # Times of the settings of another node, while they are set here.
+        # Times of the settings of another node, while they are being applied here.
         self.adopted_times: dict[str, int] = {}
-        # Of the nodes in one process only their owner reports a jump.
+        # Of the nodes in one process only the owner reports a jump of the clock.
         self.jumps = None if node_options.namespace else watch_clock(self, self.log_jump)
         self.open_diagnostics()
 

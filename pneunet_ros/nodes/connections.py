@@ -9,7 +9,7 @@ from typing import Any
 from pneunet_ros.core.pauses import pause
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock')  # of all nodes
+SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events', '/clock')  # for all nodes
 
 
 def rival_sentences(node: Any, shared: Collection[str]) -> Iterator[str]:

@@ -37,7 +37,7 @@ from rclpy.utilities import remove_ros_args
 
 PERIOD = 0.02  # s, between commands
 PATIENCE = 30.0  # s, to wait for readings and for a subscriber to the commands
-SILENCE = 2.0  # s without messages at the end, after which a sensor is taken for dead
+SILENCE = 2.0  # s without messages at the end, after which a sensor counts as dead
 REST = 3.0  # s at the first corner, before the recording begins
 DEPTH = 200  # depth of the queues
 DONE, WRONG_REQUEST = 0, 2
@@ -178,7 +178,8 @@ def main() -> int:
     end_at_signal()
     try:
         corners = np.array(json.load(sys.stdin), dtype=np.float64)
-        # Handlers of rclpy would shut ROS down at the first signal, and nobody could vent the arm.
+        # Handlers of rclpy would shut ROS down at the first signal, and the arm could not be
+        # vented.
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         (path,) = remove_ros_args(sys.argv)[1:]
         node = ExperimentNode(corners)

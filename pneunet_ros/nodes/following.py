@@ -18,7 +18,7 @@ from pneunet_ros.nodes.parameters import overrides
 from pneunet_ros.nodes.topics import POLICIES, subscription
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
-# A tenth of a second at 60 Hz: a node that had to wait catches up. If images come faster than they
+# A tenth of a second at 60 Hz, so that a delayed node catches up. If images come faster than they
 # are processed, at most this many wait in the node, and as many in the middleware; the oldest are
 # lost.
 DEPTH = 6
@@ -59,7 +59,7 @@ class FollowingSubscription:
     def _subscribed(self, offer: Offer) -> Any:
         reliability, durability = offer
         qos = QoSProfile(depth=DEPTH, reliability=reliability, durability=durability)
-        # A parameter that is declared keeps its first value, so only one that is given is.
+        # A declared parameter keeps its first value, so only given parameters are declared.
         name = self._node.resolve_topic_name(self._topic)
         given = f'qos_overrides.{name}.subscription.reliability' in overrides(self._node)
         policies = (

@@ -14,8 +14,8 @@ from typing import Any
 
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 
-# Pressures, as many as the queue of a subscription holds: 0.2 s at 100 Hz. If a node has fallen
-# this far behind and is then busy for the same time again, it loses readings.
+# Number of pressures in the queue of a subscription: 0.2 s at 100 Hz. If a node has fallen this
+# far behind and is then busy for the same time again, it loses readings.
 MOST_WAITING = 20
 # The same time for any rate: all frames of a backlog are dropped, and the fusion stops using the
 # camera after a gap of `target_timeout`.

@@ -9,7 +9,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.printable import printable
 
 REPEAT_PERIOD = 60.0  # s
-STARTING = 5.0  # s, in which nodes that start together come up
+STARTING = 5.0  # s, for nodes started together to come up
 
 
 class Log:

@@ -16,7 +16,7 @@ class Losses:
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
-        self._several: set[str] = set()  # topics whose last number may be of a former publisher
+        self._several: set[str] = set()  # topics whose last number may belong to another publisher
         self._unreported: Counter[str] = Counter()
         self.total: Counter[str] = Counter()
 

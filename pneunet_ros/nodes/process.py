@@ -42,11 +42,11 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
                 nodes.append(node)
                 executor.add_node(node)
                 _warn_of_missed_parameters(node, arguments)
-        # Objects made so far are permanent: exclude them from later garbage collections.
+        # Objects created so far are permanent: exclude them from later garbage collections.
         gc.collect()
         gc.freeze()
         # Only now: the handlers of rclpy shut ROS down from another thread, which must not happen
-        # while a node is being made.
+        # during the construction of a node.
         install_signal_handlers()
         if not signal_came():  # a signal during a callback of LLVM is lost
             executor.spin()
@@ -63,7 +63,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         ignore_signals()
         for node in nodes:
             node.destroy_node()
-        gc.collect()  # destroy a half-made node before ROS shuts down
+        gc.collect()  # destroy a partly constructed node before ROS shuts down
         rclpy.try_shutdown()
         refuse_signals()
     return DONE
@@ -82,7 +82,7 @@ def _start_ros(arguments: list[str]) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        # Errors of rcl end with the lines of its sources they passed through.
+        # Errors of rcl end with the source lines that they passed through.
         reason = re.sub(r'failed to initialize rcl: |, at /\S+:\d+', '', str(error))
         raise RequestError(f'invalid ROS arguments: {reason}', reason='usage') from error
     unknown = remove_ros_args(arguments)[1:]

@@ -29,13 +29,14 @@ from rclpy.signals import SignalHandlerGuardCondition
 FOREVER = -1  # ns
 NEVER = 2**63  # ns
 SERVICE_NS = 1_000_000  # waiting for a service takes up to 35 us: 3 % of the time
-# Messages are called back for so long before others are looked for or less urgent work goes on, or
-# for this multiple of how long looking took, or that work since its last pause.
+# Callbacks of messages run this long before the executor looks for other messages or continues
+# less urgent work; or for this multiple of the time of the last search, or of that work since its
+# last pause.
 LOOK_AGAIN_NS, LOOKS = 1_000_000, 4
-POLL_NS, POLLS = 20_000_000, 4  # how often, and for how long, rclpy serves a node that is polled
-SAME_NS = 100_000  # by which clocks may have drifted apart; DDS takes as long
+POLL_NS, POLLS = 20_000_000, 4  # how often, and for how long, rclpy serves a polled node
+SAME_NS = 100_000  # tolerance for a drift between clocks, and for the delay of DDS
 PAUSE_NS = 1_000_000  # between two checks for more urgent messages: a check takes a tenth of this
-LONG_NS = 5_000_000  # after this time of a callback others are equally urgent: two usual frames
+LONG_NS = 5_000_000  # callback duration after which others are equally urgent: two usual frames
 Call = Callable[[], None]
 Result = TypeVar('Result')
 
@@ -53,7 +54,7 @@ class SteadyTime:
     def monotonic(self, at_ns: int) -> int:
         """Return a time (ns) of the wall clock, at most now, by the monotonic clock."""
         before_ns, wall_ns, now_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        is_exact = now_ns - before_ns < SAME_NS  # else this thread was interrupted
+        is_exact = now_ns - before_ns < SAME_NS  # otherwise this thread was interrupted
         if is_exact and abs(now_ns - wall_ns - self.difference_ns) > SAME_NS:
             self.difference_ns = now_ns - wall_ns
         return min(at_ns + self.difference_ns, now_ns)
@@ -111,7 +112,7 @@ class ImmediateGroup(MutuallyExclusiveCallbackGroup):
 
     def add(self, callback: Callable[..., None], message: Any, info: Mapping[str, int]) -> None:
         """Queue a received message."""
-        # Not every middleware states when it received a message.
+        # Not every middleware reports the time of reception.
         at_ns = steady.monotonic(info['received_timestamp'] or info['source_timestamp'])
         call = partial(callback, message, info)
         self.order.add(self.topic, at_ns, header_stamp(message), call)
@@ -138,7 +139,7 @@ class Queue:
         if self.is_full():
             return
         found = True
-        while found:  # until no message arrived meanwhile: it may be older than those received
+        while found:  # until no message arrives meanwhile: it may be older than those received
             found, self.until_ns = False, time.monotonic_ns()
             for item in self.subscriptions:
                 while item.callback_group.take_from(item):
@@ -191,9 +192,9 @@ class PromptExecutor(SingleThreadedExecutor):
         super().__init__(context=context)
         self._wake = GuardCondition(callback=None, callback_group=None, context=self.context)
         self._signal = SignalHandlerGuardCondition(self.context)
-        self._changed = True  # entities, since they were listed
+        self._changed = True  # whether entities have changed since they were listed
         self._queues: list[Queue] = []
-        self._running: list[RunningCallback] = []  # each runs in a pause of the one before it
+        self._running: list[RunningCallback] = []  # each runs in a pause of the previous one
         self._prompt: list[Any] = []  # immediate subscriptions
         self._other: list[Any] = []  # subscriptions
         self._timers: list[Any] = []
@@ -203,7 +204,7 @@ class PromptExecutor(SingleThreadedExecutor):
         self._settling: list[Any] = []  # nodes that defer work until no message waits
         self._wait_sets: dict[bool, Any] = {}
         self._prompt_until_ns = self._services_due_ns = self._pause_ns = 0
-        self._due_ns: int | None = None  # when a message need not wait for another any longer
+        self._due_ns: int | None = None  # when a message no longer needs to wait for another one
         self.context.on_shutdown(self.wake)
 
     def wake(self) -> None:
@@ -289,7 +290,7 @@ class PromptExecutor(SingleThreadedExecutor):
         any_called, more = self.call_in_turn(self._queues, end_ns)
         if more and all_arrived:
             self.call_arrived(self._queues)
-        elif more:  # these come next
+        elif more:  # to be processed next
             self._due_ns = now_ns
         return any_called
 
@@ -304,7 +305,7 @@ class PromptExecutor(SingleThreadedExecutor):
         any_called = False
         while turns and time.monotonic_ns() < end_ns and not self._changed:
             turn_ns, index, queue = turns[0]
-            if turn_ns == queue.turn_ns:  # else a pause has processed its first message
+            if turn_ns == queue.turn_ns:  # otherwise a pause has processed its first message
                 running = RunningCallback([queue], queue.patience_ns, time.monotonic_ns())
                 if not self.work(running, queue.call_next):
                     heappop(turns)

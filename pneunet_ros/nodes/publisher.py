@@ -9,8 +9,8 @@ from pneunet_ros.messages.builders import Output, Result
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.topics import output_qos, publisher
 
-# By their last names. Published first, as a controller may wait for them; the centerline last, as
-# it is for people.
+# By the last part of the name. Published first, because a controller may wait for them; the
+# centerline is published last, because it is for display.
 FOR_CONTROL = ('state', 'shape', 'tip', 'tip_jacobian', 'end_force', 'end_wrench')
 FOR_PEOPLE = ('centerline', 'markers', 'joint_states')
 
@@ -71,7 +71,7 @@ class EstimatePublisher(Generic[Result]):
         due = self._due[name]
         if now < due:
             return False
-        # Counting from the due time keeps the rate, unless there was a pause.
+        # Counting from the due time keeps the rate, except after a pause.
         period = 1.0 / self.centerline_rate
         self._due[name] = due + period if now - due < period else now + period
         return True

@@ -16,8 +16,8 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 
 PREFIXES = ('pressure_', 'ambient_', 'wrench_', 'force_offset', 'imu_')
 NOT_OF_SENSORS = ('wrench_required', 'wrench_timeout')
-# The nodes of an arm. What is latched comes from all of them at once, and a queue of one would
-# hold that of the last alone.
+# The nodes of an arm. All of them publish latched messages at once, and a queue of one would keep
+# the last message only.
 MOST_NODES = 10
 
 
@@ -47,7 +47,7 @@ class OtherDescriptions:
         """Record the changed settings of this node; times: of adopted settings."""
         now_ns = time.time_ns()
         new = (name for name, value in after.items() if before.get(name) != value)
-        # A clock that was set back must not make a change older than the one before it.
+        # After the clock is set back, a change must not be older than the previous one.
         self.set_ns |= {
             name: times.get(name, max(now_ns, self.set_ns.get(name, 0) + 1)) for name in new
         }
@@ -71,7 +71,7 @@ class OtherDescriptions:
             }
             return {name: described[name] for name in times}, times
         except (AttributeError, ValueError, TypeError, KeyError):
-            return {}, {}  # of a node without sensors, or of another program
+            return {}, {}  # from a node without sensors, or from another program
 
     def differences(
         self, own_name: str, sensors: Mapping[str, Any], running: Collection[str]

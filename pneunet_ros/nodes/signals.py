@@ -45,7 +45,7 @@ def _handle(handler: Callable[[int, FrameType | None], None]) -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     ignore_signals()
-    # A compiler that is interrupted prints useless errors from its destructors.
+    # An interrupted compiler prints useless errors from its destructors.
     sys.unraisablehook = _say_nothing
     raise KeyboardInterrupt
 

@@ -37,7 +37,7 @@ POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILIT
 
 
 # 0.2 s of pressures at 100 Hz and of a force sensor at 1 kHz: nothing is lost while a node is busy
-# with a frame. A node slower than its pressures is late by as many of them.
+# with a frame. A node slower than its pressures lags behind by this many.
 DEPTH = MOST_WAITING
 DEPTH_OF: Mapping[Input[Any], int] = dict.fromkeys(
     (END_WRENCH, BASE_IMU, FRAMES, FIXED_FRAMES), 10 * DEPTH

@@ -42,7 +42,7 @@ KNOWLEDGE = {
     'values': Declared(axes=('values',)),
     'placement': Declared(axes=('placement',)),
     'covariance': Declared(axes=('all', 'all'), definite='positive'),
-    # Files of older versions have none of these.
+    # Missing in files of older versions.
     'information': Declared(axes=('values', 'values'), definite='semi', required=False),
     'shapes': Declared(kind='integer', required=False),
     'elongates': Declared(kind='integer', required=False),

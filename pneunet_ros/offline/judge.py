@@ -166,7 +166,7 @@ def judge_recording(
     gravity = None
     try:
         gravity = read_gravity(recording, overrides, settings, arm.gravity)
-    except RecordingError:  # reported by other checks; without it a shape does not show a load
+    except RecordingError:  # reported by other checks; without it no shape reveals a load
         series = {name: series[name] for name in series.keys() - {TARGETS.name, TIP_POSE.name}}
     pressure = judge_pressure_series(series, gravity, arm, settings, own_model=own_model)
     trusted = pressure is None or not pressure.contradicted
@@ -389,7 +389,7 @@ def target_fit(
     if wrench is not None and len(wrench.stamp_ns):
         wrench_index, has_wrench = nearest(stamp_ns, wrench)
         load, matched = wrench.values[wrench_index], matched & has_wrench
-        if arm.domain is not None:  # a load far outside needs a meaning of its own
+        if arm.domain is not None:  # a load far outside the range is judged separately
             most = FAR_OUTSIDE * arm.domain.largest_force
             matched &= np.hypot(load[:, 0], load[:, 1]) <= most
     matched &= has_gravity(gravity, stamp_ns)

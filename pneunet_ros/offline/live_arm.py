@@ -37,7 +37,7 @@ def recorder_of(namespace: str) -> Callable[[Experiment, SafeSet, Path], None]:
         command = [sys.executable, '-m', NODE, str(path)]
         command += ['--ros-args', '-r', f'__ns:={namespace}']
         pipe = subprocess.PIPE
-        # What it asks belongs on our stderr: stdout may be one JSON object.
+        # Its prompts belong on stderr: stdout may be one JSON object.
         with subprocess.Popen(
             command, stdin=pipe, stdout=STDERR, stderr=pipe, text=True
         ) as process:

@@ -35,7 +35,7 @@ COLUMNS = ('name', 'arm', *ROLES)
 ARMS, ROW = 'arms', 'arm.json'  # folder of all arms in the output, and file with the row of an arm
 MOST_BYTES = 10_000_000  # of a table of arms
 
-Files = Mapping[str, bytes]  # by their place in the folder of the arm
+Files = Mapping[str, bytes]  # by their path in the folder of the arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -364,7 +364,7 @@ def work_concurrently(
                         raise error
                     else:
                         yield arm, future.result() if error is None else error
-        except BrokenExecutor:  # noticed while submitting work
+        except BrokenExecutor:  # detected while submitting work
             suspects += running.values()
         finally:
             for future in running:

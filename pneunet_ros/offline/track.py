@@ -60,7 +60,7 @@ def look_ahead(
                 frames += 1
                 on_frame(TrackStep(item=item, frame=True, outcome=outcome, state=state))
                 if outcome.reason != RESTING:
-                    first = first or outcome.sentence  # the arm at rest may move later
+                    first = first or outcome.sentence  # an arm at rest may move later
                 if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
                     raise CameraError(f'{first} (track: --clamp-pixel U V)', reason='wrong_end')
         if state.plane is not None or state.resets:

@@ -152,7 +152,7 @@ class UseAttempts:
         """Read the first messages of a fusion."""
         for topic in fusion_topics(self.recording, self.overrides, wrench=False):
             next(iter(self.recording.messages([topic])), None)
-        # A contradicted force sensor is left out.
+        # A contradicted force sensor is excluded.
         self.check_readings(self.verdicts.contradicted.keys() - {END_WRENCH.name})
         estimated = 'the tip force is estimated, because no sensor measures it'
         return '' if self.has(END_WRENCH) else estimated

@@ -23,7 +23,7 @@ METADATA = 'metadata.yaml'
 FILES = tuple(f'*{kind}{packed}' for kind in ('.mcap', SQLITE) for packed in ('', PACKED))
 STORAGES = ('mcap', 'sqlite3')
 NAMES_SHOWN = 12
-LONGEST_NAME = 40  # characters of the name of a storage, in a sentence
+LONGEST_NAME = 40  # characters of the name of a storage, in a message
 FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
 
 
@@ -97,7 +97,7 @@ def unread_parts(path: Path, messages: int) -> Iterator[Note]:
     part = re.match(r'(.+)_\d{1,9}\.', names[0]) if names else None
     stem = (
         part[1] if part else resolve_links(path, RecordingError).name
-    )  # it may have been renamed
+    )  # the file may have been renamed
     known = {_number(stem, name) for name in names}
     others = [file.name for number, file in _numbered(path, stem) if number not in known]
     if others:

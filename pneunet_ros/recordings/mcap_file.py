@@ -229,7 +229,7 @@ class _Scan:
                 cut_off = end > self.size
                 if opcode == Opcode.FOOTER:
                     return CUT_OFF if end + len(MAGIC) > self.size else None
-                if opcode == 0:  # as some file systems leave it after a crash
+                if opcode == 0:  # left by some file systems after a crash
                     return f'contains only zeros from byte {position} on'
                 if opcode != Opcode.MESSAGE and run.count:  # the next record may be of any length
                     self._block(run, position, loose=True)

@@ -76,7 +76,7 @@ def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
     data: bytes | memoryview = body[named + STORED_SIZE.size :][:stored]
     if size > LARGEST_CHUNK:
         raise ValueError(f'it has {size} bytes, more than {LARGEST_CHUNK}')
-    # Never unpack more than the announced size.
+    # Never unpack more than the declared size.
     if compression == 'zstd':
         data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
     elif compression == 'lz4':

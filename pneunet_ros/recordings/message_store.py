@@ -49,7 +49,7 @@ def serialize(message: Any, type_name: str) -> bytes:
     try:
         return bytes(jazzy().serialize_cdr(message, type_name, little_endian=True))
     except Exception as error:
-        # Generated code meets unfit content with whatever its line raises.
+        # Generated code may raise any error for invalid content.
         raise MessageError(
             f'a {type_name} cannot be serialized: {error}', reason='not_serialized'
         ) from error
@@ -97,7 +97,8 @@ def store_for(type_name: str, definition: str) -> Typestore:
     except RecordingError:
         raise
     except Exception as error:
-        # The parser, the code made from a definition, and looking up a missing type: all may fail.
+        # The parser, the code generated from a definition, and the lookup of a missing type may
+        # all fail.
         raise RecordingError(
             f'the definition of {type_name} in the recording is not complete or cannot be parsed',
             reason='wrong_form',
@@ -141,5 +142,5 @@ def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
     try:
         return store.deserialize_cdr(raw, type_name)
     except Exception as error:
-        # Generated code meets unfit bytes with whatever its line raises.
+        # Generated code may raise any error for invalid bytes.
         raise MessageError(str(error) or 'its size is wrong', reason='damaged') from error

@@ -27,8 +27,8 @@ from pneunet_ros.recordings.message_store import deserialize, store_for
 from pneunet_ros.recordings.plain_mcap import plain_mcap, unpacked_message
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
-LEFT_OUT_SHOWN = 20  # left-out channels that are named
-MESSAGE_OVERHEAD = 300  # bytes that Python needs in addition to the content of a message
+LEFT_OUT_SHOWN = 20  # excluded channels listed by name
+MESSAGE_OVERHEAD = 300  # bytes of overhead per message in Python
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +173,7 @@ class Recording:
                         held_bytes += len(raw) + MESSAGE_OVERHEAD
                         _check_held(file.path, held_bytes)
                 pending.sort()
-                # The rest of the blocks starts at the next one: what is earlier is in order.
+                # The remaining blocks start at the next one: earlier messages are in order.
                 ready = len(pending)
                 if index + 1 < len(blocks):
                     ready = bisect_left(pending, (blocks[index + 1][0],))

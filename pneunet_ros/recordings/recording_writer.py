@@ -35,7 +35,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.enums import CompressionMode
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-BARE = 'of-a-bare-file'  # name of the folder from which such a file is taken
+BARE = 'of-a-bare-file'  # name of the folder from which this file is moved
 BARE_SUFFIX = '.mcap'  # of a recording that is a single file
 VERSION = 9  # of the metadata
 CHUNK = 1 << 20  # bytes of messages per chunk, as in rosbag2
@@ -257,7 +257,7 @@ def write_recording(
     with atomic_output(
         path, overwrite=overwrite, inputs=inputs, replaceable=replaceable
     ) as temporary:
-        # The storage names its file after its folder; a bare file is taken out of it.
+        # The storage names its file after its folder; a single file is moved out of it.
         folder = temporary.with_name(BARE) if bare else temporary
         folder.mkdir(mode=0o755)
         storage = MessageStorage(folder, CompressionMode.NONE)

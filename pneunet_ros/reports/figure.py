@@ -20,7 +20,7 @@ from pneunet_ros.core.printable import printable
 from pneunet_ros.core.progress import OnProgress
 
 DOTS_PER_INCH = 120
-LARGEST_SVG = 400_000  # bytes; a figure with more to draw stands in the page as PNG
+LARGEST_SVG = 400_000  # bytes; a larger figure is embedded in the page as PNG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class Picture:
     @property
     def inline(self) -> str:
         """The picture as a data URL: SVG, unless it is too large."""
-        # Letters as outlines: it looks the same wherever it is opened.
+        # Letters as outlines, so that the figure looks the same everywhere.
         with rc_context({'svg.fonttype': 'path', 'svg.hashsalt': self.name}):
             svg = self._rendered(format='svg', metadata={'Date': None, 'Creator': None})
         kind, content = ('svg+xml', svg) if len(svg) <= LARGEST_SVG else ('png', self.png)
@@ -55,7 +55,7 @@ class Picture:
 
     def _rendered(self, **how: Any) -> bytes:
         if self.figure.get_layout_engine() is not None:
-            # Laid out once: every savefig would draw all of it twice for that.
+            # The layout is computed once: otherwise every savefig would draw the figure twice.
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine(None)
         out = io.BytesIO()

@@ -36,7 +36,7 @@ class PressureColors:
     @property
     def scale(self) -> ScalarMappable:
         """The color scale in kPa."""
-        # The last tenth of viridis is too bright for thin lines on white.
+        # The last tenth of viridis is too bright for thin lines on a white background.
         colors = ListedColormap(colormaps['viridis'](np.linspace(0.0, 0.9, 256)))
         high = max(self.high, self.low + 1.0)
         return ScalarMappable(Normalize(kilopascals(self.low), kilopascals(high)), colors)

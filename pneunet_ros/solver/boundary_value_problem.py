@@ -25,8 +25,8 @@ from pneunet_ros.solver.settings import (
 from pneunet_ros.solver.solution import SolverNodes
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
-# Panels of a mesh that was refined, over those of a plain one: halving doubles them, rounding up
-# adds a few.
+# Panels of a refined mesh, relative to the initial one: halving doubles them, rounding up adds a
+# few.
 REFINED = 1.5
 
 
@@ -99,7 +99,7 @@ class BoundaryValueProblem:
         if known.counts == tuple(self.counts.tolist()):
             self.nodes[:] = known.nodes
             return
-        # Another mesh: carry over what the load added to the intrinsic rotation.
+        # Another mesh: interpolate the rotation that the load adds to the intrinsic one.
         s, rotation = gauss_stations(known.panels)
         theta = known.nodes[:, :ANGLES].ravel()[: s.size]
         here, rotation_here = gauss_stations(self.panels)

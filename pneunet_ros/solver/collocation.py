@@ -180,8 +180,9 @@ def newton_step(
     """Take one full Newton step from the slopes of `residual_pass`; `steps` is scratch."""
     count = len(slopes)
     s = moment_scale
-    # The state at a joint is w + t v: v spans what the clamp leaves free, kept at unit length in
-    # (rad, moment * s) and orthogonal to w, so that neither grows (Godunov's orthonormalization).
+    # The state at a joint is w + t v: v spans the freedom left by the clamp, kept at unit length
+    # in (rad, moment * s) and orthogonal to w, so that neither grows (Godunov's
+    # orthonormalization).
     give, clamp = ends[col.CLAMP_COMPLIANCE], nodes[0]
     norm = 1.0 / math.sqrt(give * give + s * s)
     v0, v1 = give * norm, norm

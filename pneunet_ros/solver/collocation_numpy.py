@@ -18,7 +18,7 @@ from pneunet_ros.solver.panel import (
 )
 from pneunet_ros.solver.settings import NEWTON_HALVINGS
 
-ENDING = [col.NODE_THETA, col.NODE_MOMENT]  # what the last node holds
+ENDING = [col.NODE_THETA, col.NODE_MOMENT]  # the content of the last node
 GAUSS = slice(col.NODE_GAUSS, col.NODE_GAUSS + GAUSS_POINTS)
 
 

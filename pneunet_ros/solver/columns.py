@@ -15,7 +15,7 @@ from pneunet_ros.solver.panel import Four, Law, Mechanics, Turn
 # 1/N, rest strain -, line load N/m.
 START, RIGIDITY, MOMENT_OFFSET, CUBIC, AXIAL_COMPLIANCE, REST_STRAIN, LOAD_X, LOAD_Y = range(8)
 SECTION_WIDTH = 8
-# Where a number of the sections stands: which section, which column.
+# Position of a number of the sections: section and column.
 PLACE_SECTION, PLACE_COLUMN = range(2)
 
 # Intrinsic rotation on a piece between two knots, rad: coefficients of s^0 to s^4, s in m from the
@@ -53,20 +53,22 @@ SLOPE_WIDTH = 14
 
 # Steps of Newton on a panel: change at the Gauss points from the residual rad, per theta - and per
 # moment 1/(N m) at the start; at the start the state that the clamp leaves free and the particular
-# one (rad, N m); how far the particular one went along the free one, how much that was shortened.
+# one (rad, N m); component of the particular one along the free one, and the factor that shortened
+# the free one.
 STEP_RESIDUAL, STEP_PER_THETA, STEP_PER_MOMENT = 0, 4, 8
 STEP_FREE_THETA, STEP_FREE_MOMENT, STEP_HELD_THETA, STEP_HELD_MOMENT = range(12, 16)
 STEP_ALONG, STEP_SHRINK = 16, 17
 STEP_WIDTH = 18
 
-# What every cause of a sensitivity shares on a panel: change at the Gauss points per theta - and
-# per moment 1/(N m) at the start, way in x and y per change there m/rad, free state and shrink.
+# Common to all causes of a sensitivity on a panel: change at the Gauss points per theta - and per
+# moment 1/(N m) at the start, displacement in x and y per change there m/rad, free state and
+# shrink.
 FREE_PER_THETA, FREE_PER_MOMENT, FREE_WAY_X, FREE_WAY_Y = 0, 4, 8, 12
 FREE_THETA, FREE_MOMENT, FREE_SHRINK = range(16, 19)
 FREE_WIDTH = 19
 
-# What one cause does to a panel: change at the Gauss points, particular state at the start, how
-# far it went along the free one; rad and N m per unit of the cause.
+# Effect of one cause on a panel: change at the Gauss points, particular state at the start, its
+# component along the free one; rad and N m per unit of the cause.
 HELD_GAUSS, HELD_THETA, HELD_MOMENT, HELD_ALONG = 0, 4, 5, 6
 HELD_WIDTH = 7
 
@@ -85,20 +87,20 @@ FIELD_COUNT, TIP_WIDTH = 6, 3
 SERIES_X, SERIES_Y, SERIES_MOMENT, SERIES_BEND = range(4)
 SERIES_COUNT = 4
 
-# What one cause changes of a panel: its columns, then theta at the start, at the Gauss points and
-# at the end in rad, moment at the start and the end in N m; all per unit of the cause.
+# Change of a panel by one cause: its columns, then theta at the start, at the Gauss points and at
+# the end in rad, moment at the start and the end in N m; all per unit of the cause.
 CHANGE_THETA, CHANGE_GAUSS, CHANGE_THETA_END, CHANGE_MOMENT, CHANGE_MOMENT_END = 16, 17, 21, 22, 23
 CHANGE_WIDTH = 24
 
-# What is known at a point where a panel is differentiated: sine, cosine, axial and transverse
-# force N, stretch -, moment above its offset N m, curvature change 1/m, its slope in 1/B N m and
-# in the moment 1/(N m^2).
+# Quantities at a point where a panel is differentiated: sine, cosine, axial and transverse force
+# N, stretch -, moment above its offset N m, curvature change 1/m, its slope in 1/B N m and in the
+# moment 1/(N m^2).
 POINT_SINE, POINT_COSINE, POINT_AXIAL, POINT_TRANSVERSE, POINT_STRETCH = range(5)
 POINT_MOMENT, POINT_BEND, POINT_PER_COMPLIANCE, POINT_PER_MOMENT = range(5, 9)
 POINT_WIDTH = 9
 
-# What is known at a station: its place v from -1 to 1 on the panel, slopes in v of the four
-# integrals over the panel, and of the law what is known at a point.
+# Quantities at a station: its position v from -1 to 1 on the panel, slopes in v of the four
+# integrals over the panel, and the quantities of the law at a point.
 STATION_V, STATION_SLOPES, STATION_MOMENT, STATION_BEND = 0, 1, 5, 6
 STATION_PER_COMPLIANCE, STATION_PER_MOMENT, STATION_WIDTH = 7, 8, 9
 

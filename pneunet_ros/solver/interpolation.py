@@ -137,7 +137,7 @@ def panel_series(
     integrate(TO_INNER_AGAIN, work[BEND], work[CORRECTION])
     worst = 0.0
     for i in range(INNER):
-        d = work[CORRECTION, i]  # small: what is left out is d^4 / 24
+        d = work[CORRECTION, i]  # small: the error is d^4 / 24
         worst = max(worst, abs(d))
         c, s = 1.0 - 0.5 * d * d, d - d * d * d / 6.0
         sine = work[SINE, i] * c + work[COSINE, i] * s

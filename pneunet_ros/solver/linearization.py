@@ -46,7 +46,7 @@ GAUSS_TO_GAUSS = np.ascontiguousarray(GAUSS_INTEGRATION.T)
 TO_INNER_FROM_ENDS = np.ascontiguousarray(TO_INNER[[1, 2, 3, 4, 0, 5]])
 BY_POWER = np.ascontiguousarray(TO_SERIES.T)
 AT_END = TO_SERIES.sum(axis=1)
-AT_JOINT = 1e-9  # of a panel: a station so near a joint is at it
+AT_JOINT = 1e-9  # of a panel: a station this close to a joint counts as at it
 
 
 @inlined
@@ -354,7 +354,7 @@ def station_changes(
             change_panel(panel, fields, change, angle, scratch, inner, missing)
             for i in range(first, last):
                 station = known[i]
-                # A station at a joint that moves belongs to both panels alike.
+                # A station at a moving joint belongs equally to both panels.
                 at_joint = i >= following and p + 1 < count
                 at_joint = at_joint or (p > 0 and arclength[i] <= start + AT_JOINT * before)
                 share = 0.5 if at_joint else 1.0
@@ -371,7 +371,7 @@ def station_changes(
                     y += closing * missing[col.SERIES_Y]
                     gained += closing * missing[col.SERIES_MOMENT]
                     bent += closing * missing[col.SERIES_BEND]
-                # The station stays where it is while the panel moves.
+                # The station stays in place while the panel moves.
                 moved = (
                     -(
                         2.0 * change[col.PANEL_START]

@@ -49,7 +49,7 @@ def modes_of(links: Links, masses: Masses, damping_time: float, count: int) -> M
 
     inertia, stiffness = mass_matrix(links, masses), stiffness_matrix(links)
     size = len(inertia)
-    try:  # in 1 / frequency^2: links without mass make the inertia singular
+    try:  # in 1 / frequency^2, because links without mass make the inertia singular
         squares, shapes = eigh(inertia, stiffness, subset_by_index=[size - count, size - 1])
     except LinAlgError:
         return None

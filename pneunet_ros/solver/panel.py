@@ -40,7 +40,7 @@ K0, K1, K2, K3, K4, K5, K6, K7, K8, K9, K10 = (
 )
 ONE_OVER_PI = 1.0 / math.pi
 PI_HIGH = float.fromhex('0x1.921fb544p+1')
-PI_LOW = 1.2154201256553420e-10  # pi - PI_HIGH, 53 bits further
+PI_LOW = 1.2154201256553420e-10  # pi - PI_HIGH, the next 53 bits
 
 
 @inlined

@@ -12,17 +12,18 @@ from pneunet_ros.core.settings import tuning
 
 ACCEPTED = 1e-10  # rad; residual that still counts as equilibrium where rounding stops Newton
 FEWEST_PANELS = 6.0  # per length of the rod: the intrinsic curvature has detail of this size
-NEWTON_HALVINGS = 8  # of a step that does not help
-# Descent in energy (all invented): largest step, and the step that leaves the rest to Newton, rad.
+NEWTON_HALVINGS = 8  # of a step without improvement
+# Descent in energy (all invented): largest step, and the step below which Newton's method takes
+# over, rad.
 LARGEST_STEP, SETTLED = 0.6, 0.02
 DESCENT_ITERATIONS, DESCENT_HALVINGS = 60, 12
-# Most steps of Newton's method on one mesh: it converges quadratically or never.
+# Largest number of Newton steps on one mesh: convergence is quadratic, or fails.
 NEWTON_ITERATIONS = 25
-MOST_PANELS = 400  # of a mesh: it ends the halving of panels that rounding keeps from converging
+MOST_PANELS = 400  # of a mesh: ends the halving of panels where rounding prevents convergence
 TURNED = 1e-10  # rad, between a push and the normal of the arm: as exact as ACCEPTED
-FRAME_ITERATIONS = 12  # most steps of Newton's method from a neighbor: else it starts anew
+FRAME_ITERATIONS = 12  # largest number of Newton steps from a neighbor, before a new start
 # No figure of acceptance/sweep.py moves when this is halved or doubled.
-SHORTEST = 0.05  # least stretch that rest strain and load may leave
+SHORTEST = 0.05  # smallest stretch allowed under rest strain and load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

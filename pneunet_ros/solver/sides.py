@@ -161,7 +161,7 @@ def solve_sides(
     for which in range(steps.size):
         step = steps[which]
         if not step * largest < 1.0:
-            continue  # a length or a rigidity would change its sign
+            continue  # a length or a rigidity would change sign
         both = True
         for side in range(2):
             share = step if side else -step

@@ -27,7 +27,7 @@ from pneunet_ros.solver.links import cut_links, Links, Masses
 from pneunet_ros.solver.panel import sine_cosine
 
 Q, P = range(2)  # rows of a state
-MASS, DAMPING = range(2)  # errors that stay
+MASS, DAMPING = range(2)  # constant errors
 
 
 class Swing(NamedTuple):
@@ -181,7 +181,7 @@ def slopes(
     solve_small(matrix, right)
     for a in range(count):
         out[Q, a], out[P, a], room.damped[a] = right[a, 0], 0.0, 0.0
-    # From the tip inwards: the momentum of everything beyond.
+    # From the tip inwards: the momentum of everything further out.
     x, y = masses.tip * velocity(way, out, 0, links), masses.tip * velocity(way, out, 1, links)
     for i in range(links - 1, -1, -1):
         mx = masses.mass[i] * velocity(way, out, 0, i)
@@ -369,7 +369,7 @@ def add_unknown_course(covariance: Array, step: Array, steps: int, change: Array
     square = np.zeros((size, size))
     for a in range(change.size):
         late[a] = change[a]
-    for _ in range(steps):  # the later the change, the less of its swing has passed
+    for _ in range(steps):  # after a later change, less of its swing has passed
         for i in range(size):
             early[i] = 0.0
             for j in range(size):
@@ -625,7 +625,7 @@ def follow_swing(
         reach += panels[p, col.PANEL_LENGTH]
     for i in range(links):
         at_joints[0, i], at_joints[1, i] = 0.0, 0.0
-        # The joint at the clamp stands for half a link, and includes the compliance of the clamp.
+        # The joint at the clamp represents half a link, and includes the compliance of the clamp.
         compliance = after.compliance[i] if i else after.compliance[1]
         for a in range(count):
             bend = moments[a, i] * compliance * links / reach

@@ -14,7 +14,7 @@ from pneunet_ros.messages.readings import SENSORS
 
 STAMP = 'stamp_ns'
 TIME = 'time'
-ESTIMATE = 'estimate_'  # begins the columns of what the estimator made of readings
+ESTIMATE = 'estimate_'  # prefix of the columns with estimates
 MOST_TARGETS = 500
 _NAMES_SHOWN = 12
 KNOWN_NAMES = '`pneunet import --help` lists them'
@@ -81,8 +81,8 @@ _OF_MESSAGES = {
     'force_y': 'force_y_n',
     'torque_z': 'moment_n_m',
 }
-# Units that say by themselves what is measured, as sketches of an Arduino call columns; `at` and
-# `atm` may as well be a time and the pressure of the air.
+# Units that imply the quantity, used as column names by Arduino sketches; `at` and `atm` may also
+# be a time and the pressure of the air.
 _BARE = {
     **{unit: f'{TIME}_{unit}' for unit in ('s', 'ms', 'us')},
     **{unit: f'pressure_{unit}' for unit in SI_PER_UNIT['pressure'].keys() - {'at', 'atm'}},
@@ -103,7 +103,7 @@ _OTHER_WORDS = {
     'f2': 'force_y',
     'm': 'moment',
     'mz': 'moment',
-    'angle': 'tip_heading',  # not that of a string, which loggers rarely have
+    'angle': 'tip_heading',  # not the angle of a string, which loggers rarely record
     'bending_angle': 'tip_heading',
     'theta': 'tip_heading',
     # of other languages
@@ -262,8 +262,8 @@ def likely_name(name: str) -> str:
     same_unit = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
     closest = next(iter(get_close_matches(plain, same_unit, 1, 0.75)), '')
     if not closest and unit in SI_PER_UNIT['pressure'] and _without_reference(_words(name))[1]:
-        closest = f'pressure_{unit}'  # with its reference `at` is not a word: ata
-    return closest or _BARE.get(unit, '')  # in any language: nyomás [kPa]
+        closest = f'pressure_{unit}'  # `at` with its reference is not a word: ata
+    return closest or _BARE.get(unit, '')  # a quantity in any language: nyomás [kPa]
 
 
 def is_raw(name: str) -> bool:

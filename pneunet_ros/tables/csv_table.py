@@ -52,7 +52,7 @@ _RULES = {
     ';': 'cells are separated by semicolons, as in the first line',
     '\t': 'cells are separated by tabs, as in the first line',
 }
-_SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Excel writes it
+_SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as written by Excel
 # As the serial monitor of Arduino begins lines.
 _MONITOR = re.compile(r'\d\d:\d\d:\d\d\.\d{3} -> ')
 _JSON = re.compile(rb'(\xef\xbb\xbf)?\s*(\{\s*["}]|\[\s*[\[{"])')

@@ -107,7 +107,7 @@ def _stands_for_nothing(place: Place, numbers: Mapping[str, Array], value: float
     if len(place.deciding) > 1:
         return bool(other_rows.any())
     rest = numbers[place.deciding[0]][other_rows]
-    if value == -1.0:  # too near to readings of zero to stand apart by its size
+    if value == -1.0:  # too close to readings of zero to be detected by size
         whole = np.all(rest == np.round(rest))
         return bool(rest.size > 1 and np.min(rest) >= 0.0 and rows.sum() > 1 and not whole)
     return _is_far(rest, value)

@@ -37,8 +37,8 @@ from pneunet_ros.tables.placeholders import ask_for_placeholders, without_placeh
 from pneunet_ros.tables.reading_table import ReadingTable
 
 MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read
-# Rows of a logger in seconds are so far apart, where no unit is named; rows of 1 kHz in ms are 1
-# apart, and rows of 1 Hz in days 1.2e-5. Invented.
+# Row spacings of loggers in seconds, for stamps without a unit; the spacing of 1 kHz in ms is 1,
+# and that of 1 Hz in days 1.2e-5. Invented.
 LARGEST_STEP, SMALLEST_STEP = 1.0, 2e-5
 SPREADSHEET_EPOCH = 25_569  # 1970 in the days of spreadsheets, which count from 1899-12-30
 SPREADSHEET_END = 73_050  # 2100 in these days

@@ -32,10 +32,10 @@ from pneunet_ros.vision.row_candidates import (
 )
 from pneunet_ros.vision.row_ends import continues_beyond, truncate_row
 
-LEAST_TARGETS = 3  # of an arm: two of them cannot be distinguished from two glints
-LEAST_FOLLOWED = 4  # seen of a row, at least; all of an arm with fewer
-COMMON_SHARE = 0.5  # of the blobs of two readings, from which on they are one row: most of them
-ENOUGH = 64  # rows that are compared: more of a crowd add nothing
+LEAST_TARGETS = 3  # of an arm: fewer cannot be distinguished from glints
+LEAST_FOLLOWED = 4  # fewest visible targets of a row; all targets of an arm with fewer
+COMMON_SHARE = 0.5  # share of common blobs from which two rows count as the same
+ENOUGH = 64  # largest number of compared rows: further similar rows add nothing
 
 
 class TargetRow(NamedTuple):
@@ -72,7 +72,7 @@ def row_from_clamp(
     chosen, cost = _grown_from_clamp(blobs, arclength, clamp_angle, search)
     truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
     if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, search):
-        chosen[:] = NOTHING  # the camera has moved, or these are other dots
+        chosen[:] = NOTHING  # the camera has moved, or these dots are others
     return TargetRow(chosen, cost)
 
 
@@ -185,7 +185,7 @@ class Readings:
 
     def __init__(self, blobs: int) -> None:
         self.rows: list[TargetRow] = []
-        self._ranks = np.zeros((ENOUGH + 1, blobs))  # of the blobs of each, from the middle on
+        self._ranks = np.zeros((ENOUGH + 1, blobs))  # of the blobs of each row, from its middle on
         self._belong = np.zeros((ENOUGH + 1, blobs), np.bool_)
         self._chosen: Array = np.empty((0, 0))
 
@@ -205,7 +205,7 @@ class Readings:
         same = np.count_nonzero((self._chosen == row.chosen) & (row.chosen >= 0), axis=1)
         if (same >= COMMON_SHARE * row.seen).any():
             return True
-        # Read from the same end, but a target off.
+        # The same end first, but shifted by one target.
         seen, ranks = _ranks(row)
         forward = self._ranks[:count, seen] @ ranks > 0.0
         share = self._belong[:count, seen].mean(axis=1)

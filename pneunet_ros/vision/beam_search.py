@@ -21,22 +21,22 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1
-KEPT = 12  # rows at each step; half of them find the same
-BEND = 0.08  # spacings x (gap^2 - 1), that a target may be further off after a gap
-LONGEST_GAP = 7  # targets from one that is seen to the next; what is beyond starts anew
+KEPT = 12  # rows kept at each step; half as many give the same result
+BEND = 0.08  # spacings x (gap^2 - 1), additional deviation of a target after a gap
+LONGEST_GAP = 7  # targets from one visible target to the next; a longer gap starts a new row
 FIRST_GAP = 2  # the same, where the scale is not known
 STRETCH = 0.25  # of an arm, either way, within a row
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-ALONG_STD = 0.12  # spacings, a target off its place along the row, one sigma
-# Sigma of size, shape or blur, beyond which a difference costs no more: convention, 5 % of what is
-# normal. Up to two are cheaper than a missing target.
+ALONG_STD = 0.12  # spacings, deviation of a target along the row, one sigma
+# Sigma of size, shape or blur at which the cost of a difference saturates: convention, 5 % of
+# normal differences. Up to two are cheaper than a missing target.
 ODD = 2.0
-# Radians an arm turns where it bends most, as if it did so from end to end; measured: 6.2 between
+# Rotation (rad) of an arm that has its largest curvature from end to end; measured: 6.2 between
 # two pins of a public photograph of a pneu-net.
 CURL = 7.0
 
-# What is known of a row while it grows. SIZE to BLUR: how its blobs look, as in the columns of
-# `BlobColumns`; NaN while that is not known.
+# State of a growing row. SIZE to BLUR: appearance of its blobs, as in the columns of
+# `BlobColumns`; NaN while unknown.
 COST, X, Y, HEADING, BENDING, SCALE, SIZE, SHAPE_X, SHAPE_Y, BLUR, LAST = range(11)
 LOOKS = 4
 OWN_COST = 2 + LOOKS
@@ -146,7 +146,7 @@ def grow_rows(
     best, costs = np.array(chosen, np.int64), np.full(len(starts), math.inf)
     if not len(blobs.x) and whole:
         return best, costs
-    # Sorted along the side on which they are further apart.
+    # Sorted along the axis with the larger extent.
     sides = (1, 0) if len(blobs.x) and np.ptp(blobs.y) > np.ptp(blobs.x) else (0, 1)
     order = np.argsort(blobs[sides[0]], kind='stable')
     grow_all(
@@ -249,7 +249,7 @@ def _ways_on(
     targets, missing = arclength.size, search.farthest**2
     longest_gap = FIRST_GAP if whole else LONGEST_GAP
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
-    # Between targets far apart an arm turns by more than it does between near ones.
+    # An arm turns more between distant targets than between close ones.
     loose = 1.0
     if not whole:
         turn = CURL * spacing / (arclength[-1] - arclength[0])
@@ -276,7 +276,7 @@ def _ways_on(
         length = one[SCALE] * ahead
         toward_x, toward_y = math.cos(middle), math.sin(middle)
         at_x, at_y = one[X] + length * toward_x, one[Y] + length * toward_y
-        # What misfit and cost allow at most: the distance, and the cosine of the angle to it.
+        # Largest distance, and smallest cosine of the angle to it, allowed by misfit and cost.
         sigmas = math.sqrt(allowed - one[COST])
         most_along = unit * min(search.farthest, sigmas) * ALONG_STD
         most_across = (
@@ -300,7 +300,7 @@ def _ways_on(
             step_x, step_y = x - one[X], y - one[Y]
             chord = math.hypot(step_x, step_y)
             if chord > longest or step_x * toward_x + step_y * toward_y < chord * within:
-                continue  # as most do, and this costs less than the arc to each
+                continue  # as for most candidates, and cheaper than computing the arc to each
             along, across = off_arc(x, y, one, ahead)
             cost = one[COST] + misfit(along / unit, across / (loose * unit), bend, search)
             if cost < math.inf and (many < costs.size or cost < costs[-1]):
@@ -343,7 +343,7 @@ def _take(
     step_x, step_y = x - row[X], y - row[Y]
     chord = math.hypot(step_x, step_y)
     if ahead > 0.0 and chord > 0.0:
-        # Heading of an arc: that of the chord in its middle; half of a new bend is believed.
+        # Heading of an arc: the heading of the chord in its middle, plus half of a new bend.
         turn = _wrapped(math.atan2(step_y, step_x) - row[HEADING])
         bending = 0.5 * (row[BENDING] + 2.0 * turn / ahead)
         row[HEADING] += turn + 0.5 * bending * ahead
@@ -355,7 +355,7 @@ def _take(
     row[X], row[Y], row[LAST] = x, y, target
     differences = look_differences(blobs, blob, row, search)
     for look in range(LOOKS):
-        # Which of two that differ is the odd one shows from there on.
+        # The following blobs show which of two different ones is the outlier.
         odd = differences[(look + 1) // 2] > ODD
         before, now = row[SIZE + look], blobs[2 + look, blob]
         if odd or math.isnan(before):

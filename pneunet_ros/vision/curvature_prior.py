@@ -23,7 +23,7 @@ FINE_STATIONS = 449
 # Of std, length_scale and break_std in the search (length or 1/length).
 BOUNDS = ((0.3, 100.0), (0.1, 3.0), (0.01, 10.0))
 START = (1.5, 0.4, 0.15)  # the same, first tried
-DIGITS = 2  # of the logarithm of what is learned: rounding has no part in it
+DIGITS = 2  # of the logarithm of the learned values: unaffected by rounding
 SPLITS = 5  # places of l1 over which the covariance is averaged
 
 
@@ -46,7 +46,7 @@ class PriorSettings:
 
 PRIOR = PriorSettings()
 
-# What is learnt, and the power of the arm's length that is its unit.
+# Learned values, and the power of the arm's length in their unit.
 _LEARNT = ('std', 'length_scale', 'break_std')
 _POWERS = np.array([-1.0, 1.0, -1.0])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)

@@ -47,12 +47,12 @@ class GatingSettings:
 
 
 GATING = GatingSettings()
-COMPARED = 3  # neighbors on each side whose distance is looked at
-OFF_CURVE = 0.09  # spacings off the curve through the neighbors
-# At the end of what is seen, a target may move alone by this in spacings, and by so many times as
-# much as its neighbors differ.
+COMPARED = 3  # neighbors on each side in the check of distances
+OFF_CURVE = 0.09  # spacings from the curve through the neighbors
+# Last visible target: allowed motion relative to its neighbors, in spacings, and as a multiple of
+# the difference between them.
 ALONE_BEYOND, STEPS = 0.15, 2.0
-FARTHEST = 2.5  # spacings from an end of a row found anew to the next target
+FARTHEST = 2.5  # spacings from an end of a newly found row to the next target
 NOTHING_BEFORE = not_literal(0)
 BEYOND = math.sqrt(1.0 + 9.0 + 9.0 + 1.0)  # error of a place on an arc through three, over theirs
 
@@ -268,13 +268,13 @@ def consistent_motion(
     near = min(4, places.size - 1)
     if near < 2:
         return known, np.zeros_like(known)
-    # The nearest along the arm, on either side or on both.
+    # The nearest along the arm, on either or both sides.
     away = places - places[:, None]
     nearest = np.argsort(2 * np.abs(away) + (away > 0), axis=1)[:, 1 : near + 1]
     of_near = np.sort(off[places[nearest]], axis=1)
     lower, upper = of_near[:, (near - 1) // 2], of_near[:, near // 2]
     alone = np.hypot(*(off[places] - 0.5 * (lower + upper)).T)
-    # At an end, where all moved otherwise than expected, they did so more and more along the arm.
+    # At an end, unexpected motion increases along the arm.
     at_end = ALONE_BEYOND * spacing + STEPS * np.hypot(*(upper - lower).T)
     before = np.count_nonzero(nearest < np.arange(places.size)[:, None], axis=1)
     between = (before == 2) & (near == 4)

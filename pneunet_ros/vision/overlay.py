@@ -22,7 +22,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 REFERENCE_HEIGHT = 480  # px of an image in which lines are one pixel wide
 SUBPIXEL_BITS = 4
 LABEL_WIDTH = 22.0  # px, room for an id where lines are one pixel wide
-MOST_IDS = 12  # that are named in the line of text
+MOST_IDS = 12  # ids listed in the line of text
 
 
 def draw(image: Image, tracking: Tracking, curve: Array | None = None) -> Bytes:
@@ -71,7 +71,7 @@ def _mark_targets(picture: Any, sightings: TargetSightings, size: float) -> None
         )
     if len(seen) < 2:
         return
-    # Ids stand beside the row, as many as there is room for.
+    # Ids next to the row, as many as fit.
     steps = np.diff(centers, axis=0) / np.diff(seen)[:, None]
     spacing = float(np.median(np.hypot(*steps.T)))
     every = int(np.ceil(LABEL_WIDTH * size / max(spacing, 1.0)))
@@ -102,7 +102,7 @@ def _mark_others(picture: Any, tracking: Tracking, size: float) -> None:
 def _write(picture: Any, text: str, color: tuple[int, int, int], size: float) -> None:
     """Write a text at the top, on a darkened band, with line breaks."""
     scale, margin, pitch = 0.5 * size, 6.0 * size, 20.0 * size
-    # The fonts of OpenCV know no other characters.
+    # The fonts of OpenCV have no other characters.
     text = text.encode('ascii', 'replace').decode()
     lines = _lines(text, scale, picture.shape[1] - 2.0 * margin)
     band = picture[: round(len(lines) * pitch + margin)]

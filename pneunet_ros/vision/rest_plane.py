@@ -25,22 +25,23 @@ from pneunet_ros.vision.dots.blobs import Blobs
 from pneunet_ros.vision.gating import consistent_spacing, FARTHEST
 from pneunet_ros.vision.settings import VISION, VisionSettings
 
-HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
+HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that determine the heading there
 TURN = 4.0  # rad per bow: an even arc is kL/2 off its chord at the end, kL/8 of it in the middle
-UPRIGHT = 'upright'  # reason: which end is the clamp is not known
-NO_ROW = 'no_row', 'no_areas'  # reasons that rows which cost more may change
-STILL = 0.1  # spacings, of a target at rest off its average so far
-PLACES = 4  # in which an arm may rest that are remembered
-NEAR_CLAMP = 1.5  # spacings from clamp_pixel to the first target: a person pointed there
-UPRIGHT_SHARE = math.sin(math.radians(15.0))  # from side to side, of a row without a left end
-RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
+UPRIGHT = 'upright'  # reason: the end with the clamp is unknown
+NO_ROW = 'no_row', 'no_areas'  # reasons that may change with more expensive rows
+STILL = 0.1  # spacings, distance of a target at rest from its average so far
+PLACES = 4  # remembered positions in which an arm may be at rest
+NEAR_CLAMP = 1.5  # spacings from clamp_pixel, which was selected by hand, to the first target
+UPRIGHT_SHARE = math.sin(math.radians(15.0))  # sideways share of a row without a left end
+RESTING = 'resting'  # reason of a frame that is averaged, without a problem
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-# Cost above that of the best row from which a row counts as one by chance; measured: 0.1 on arms,
-# 53 in grass.
+# Cost above the best row from which a row counts as accidental; measured: 0.1 on arms, 53 in
+# grass.
 CHANCE = 20.0
-CROWD = 10  # rows and more of other areas: there by chance; measured: 50 in printed text
-ODDS = 0.01  # rows by chance that fit as well, of one that stands out; convention
-# Costs of successive searches for rows. For any, all rows that are not due to chance are found.
+CROWD = 10  # rows of other areas from which they count as accidental; measured: 50 in printed text
+ODDS = 0.01  # accidental rows that fit as well as a distinct one; convention
+# Costs of successive searches for rows. With each of them, all rows that are not accidental are
+# found.
 LIMITS: tuple[float, ...] = 0.5 * CHANCE, CHANCE, 2.0 * CHANCE
 
 Counts = npt.NDArray[np.int64]
@@ -249,9 +250,9 @@ def _decided_within(rows: list[TargetRow], vision: VisionSettings) -> float:
     others = [row for row in rows if share_of_blobs(row, best) < COMMON_SHARE]
     nearest = min((_cost_of_seen(row, vision) for row in others), default=math.inf)
     if nearest <= least + 0.5 * CHANCE:
-        return least  # there are several, whatever else is found
+        return least  # several rows exist, whatever else is found
     if nearest <= least + CHANCE:
-        return math.inf  # unless the best one stands out of a crowd
+        return math.inf  # unless the best one stands out from a crowd
     return max(best.cost, least + CHANCE)
 
 

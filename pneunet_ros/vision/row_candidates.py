@@ -35,8 +35,8 @@ from pneunet_ros.vision.beam_search import (
 import scipy
 
 Pairs = tuple[Indices, Indices]
-NEIGHBORS = 24  # of a blob, one of which is the next target: more than fit between two targets
-PARTS = 8  # of the pairs that begin rows, at most, after each of which a search may stop
+NEIGHBORS = 24  # of a blob, including the next target: more than fit between two targets
+PARTS = 8  # most groups of pairs that begin rows; a search may stop after each
 
 
 class PlacedRow(NamedTuple):
@@ -65,7 +65,7 @@ class RowCandidates:
         most: int | None = None,
     ) -> None:
         self.points, self.arclength, self.search = points, arclength, search
-        # Even the arm alone has some, from each pair of its targets at most.
+        # The arm alone has some, at most one from each pair of its targets.
         self.most = max(len(points) if most is None else most, arclength.size**2)
         self._within = dict[float, list[PlacedRow] | None]()
         self._near = dict[tuple[bytes, ...], Indices]()
@@ -74,7 +74,7 @@ class RowCandidates:
         self._even = bool(np.allclose(steps, steps[0]))
         steps_of_row = arclength.size - 2
         self._run = max(1, steps_of_row // 4)
-        # Of targets that are spaced evenly it need not be known which is the first.
+        # The first of evenly spaced targets need not be known.
         self._firsts = range(1 if self._even else steps_of_row + 1 - self._run)
 
     @functools.cached_property
@@ -85,10 +85,10 @@ class RowCandidates:
         """
         x, y, _, costs = self.blobs
         free = np.flatnonzero(costs == 0.0)
-        if free.size < x.size:  # few of them are likely: no pair with one is too many
+        if free.size < x.size:  # few of them are likely, so all pairs with one are used
             neighbors = np.tile(free, (x.size, 1))
         else:
-            tree = scipy.spatial.cKDTree(self.points)  # each is its own nearest neighbor
+            tree = scipy.spatial.cKDTree(self.points)  # each blob is its own nearest neighbor
             neighbors = tree.query(self.points, range(1, min(NEIGHBORS + 1, x.size) + 1))[1]
         first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
         distinct = (x[first] != x[second]) | (y[first] != y[second])
@@ -114,7 +114,7 @@ class RowCandidates:
             row = self.points[chosen]
             for line, along in ((row, places), (row[::-1], places[-1] - places[::-1])):
                 near[left] = near_line(others[left], line, along, self.search)
-                left = left[~near[left]]  # in noise there are a thousand rows
+                left = left[~near[left]]  # noise contains a thousand rows
             if not left.size:
                 break
         return np.flatnonzero(near)
@@ -128,7 +128,7 @@ class RowCandidates:
         shortest = self.arclength[-2] - self.arclength[0] - 0.5 * spacing
         for chosen, places in rows:
             for row, along in ((chosen, places), (chosen[::-1], places[-1] - places[::-1])):
-                # It may go on beyond the ends of the arm.
+                # It may extend beyond the ends of the arm.
                 firsts = along[-1] - along[:-1] >= shortest
                 pairs.update(zip(row[:-1][firsts].tolist(), row[1:][firsts].tolist(), strict=True))
         first, second = np.array(sorted(pairs), np.int64).reshape(-1, 2).T

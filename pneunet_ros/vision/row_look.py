@@ -93,15 +93,15 @@ class RowLookSettings:
 
 
 ROW_LOOK = RowLookSettings()
-LEAST_SMEAR_STD = 0.15  # px, of the way during an exposure
+LEAST_SMEAR_STD = 0.15  # px, of the motion during an exposure
 UNSURE = 0.15  # radii, the largest error of the center of a part
 OFF_PLACE = 0.25  # radii, of a part or of a doubtful target from where its neighbors say
-FEWEST = 3  # neighbors, for a line and how far they are off it
+FEWEST = 3  # neighbors, for a line and their deviation from it
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-# Share of the edge near the outline of a target that is larger than its neighbors: of a tip that
-# the end of the arm cuts at 0.7 radii from its center.
+# Share of the edge near the outline of a target larger than its neighbors: of a tip cut by the end
+# of the arm at 0.7 radii from its center.
 OWN_SIZE = 0.75
-# Radii that it looks smaller if it is cut off, give or take as much; measured: 0.04, of one cut at
+# Radii by which a target cut off looks smaller, with an equal uncertainty; measured: 0.04, cut at
 # 0.8 radii.
 OWN_STD = 0.05
 EDGE_SEEN = 0.5  # least share of the edge of a partly hidden target; measured: 0.54 of a cut tip
@@ -135,7 +135,7 @@ def _looks_of(
     away = (whole - np.arange(len(table))[:, None]).astype(np.float64)
     distance = np.where(away == 0.0, np.inf, np.abs(away))
     nearest = np.argsort(distance, axis=1, kind='stable')[:, : settings.neighbors]
-    # Those that are one of the whole ones themselves may have one neighbor less.
+    # Whole targets may have one neighbor less, because they do not count themselves.
     known = np.isfinite(np.take_along_axis(distance, nearest, axis=1))
     known &= (np.count_nonzero(known, axis=1) >= FEWEST)[:, None]
     away, near = np.take_along_axis(away, nearest, axis=1), whole[nearest]

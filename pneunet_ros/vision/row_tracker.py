@@ -26,13 +26,13 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
     table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)
     lost = np.isnan(table[:, U])
     if lost.any() and np.count_nonzero(~lost) > 1:
-        # Where others moved differently than expected, so did these.
+        # These targets moved as unexpectedly as the others.
         off, neighbors = (table[:, :2] - predicted)[~lost], vision.row_look.neighbors
         places = predicted + velocity_along_row(off, view.arclength, ~lost, neighbors)
         outlines_there = last.outlines(places, vision)[lost]
         table[lost] = blobs_at(view.image, outlines_there, view.appearance)
     table = with_nearest(view, table, predicted, reach)
-    # Of a target whose size nobody has seen yet, it is what its whole edge says.
+    # A target of unknown size has the size of its whole edge.
     shown = shows_own_size(table, vision.row_look, vision.gating) & ~last.sized
     usual = np.where(shown, table[:, AREA], last.area)
     row = gate_row(view, table, usual, last)
@@ -49,7 +49,7 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         before, row = row.seen, with_partial(view, row, usual, last.sized, last)
         if row.seen == count or row.seen <= before:
             break
-        # Targets that were found predict those beyond them better.
+        # Found targets improve the prediction of those beyond them.
     if row.seen < min(count, LEAST_FOLLOWED):
         return None
     return row, next_row(view, row, last)

@@ -43,12 +43,12 @@ from pneunet_ros.vision.curvature_prior import (
     without_line,
 )
 
-LARGEST_NOISE = 0.1  # of the mean distance of targets, tried
-LEVEL_RATIO = 1.5  # between levels of noise that are tried
-FAR_WORSE = 20.0  # in -2 log likelihood: larger levels of noise are not tried any more
+LARGEST_NOISE = 0.1  # of the mean distance of targets, to try
+LEVEL_RATIO = 1.5  # factor between tried levels of noise
+FAR_WORSE = 20.0  # in -2 log likelihood: the search ends at this level of noise
 STD_RATIO = 2.0  # between classes of targets that count as equally accurate: few sets are needed
 LEAST_ACCURATE = 20  # classes: a millionth of the weight
-LEAST_WEIGHT = 1e-3  # a prior less probable than this takes no part
+LEAST_WEIGHT = 1e-3  # a less probable prior is ignored
 
 Indices = npt.NDArray[np.int64]
 
@@ -448,7 +448,7 @@ def integrate(
         middle += 0.125 * length * (curvature[point - 1] - curvature[point])
         there = math.exp(log_stretch[point])
         there_u, there_v = there * math.cos(theta[point]), there * math.sin(theta[point])
-        four = 2.0 * (scale + there)  # the stretch hardly changes from point to point
+        four = 2.0 * (scale + there)  # the stretch hardly changes between points
         px[point] = px[point - 1] + length / 6.0 * (here_u + four * math.cos(middle) + there_u)
         py[point] = py[point - 1] + length / 6.0 * (here_v + four * math.sin(middle) + there_v)
         scale, here_u, here_v = there, there_u, there_v
@@ -461,7 +461,7 @@ def least_variance(std: Array, seen: Indices, least_std: float) -> float:
     for target in range(seen.size):
         value = std[seen[target]]
         value = value if value > 0.0 else 0.0  # also where it is NaN
-        place = target  # in order: numba's own sort takes long to compile
+        place = target  # in order, because numba's sort takes long to compile
         while place > 0 and known[place - 1] > value:
             known[place] = known[place - 1]
             place -= 1

@@ -58,10 +58,10 @@ from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
 from pneunet_ros.vision.still_areas import StillAreas
 
-# Reasons of frames that do not show the arm, those that tell most first.
+# Reasons of frames that do not show the arm, the most informative first.
 TELLING = ('not_straight', 'wrong_clamp', UPRIGHT, 'several_rows', 'no_row', 'no_areas')
-SO_FAR = '; so far '  # before what the frames before have shown, in the sentence of a frame
-UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as good as any
+SO_FAR = '; so far '  # precedes the cause from earlier frames, in the message of a frame
+UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, an arbitrary distance
 
 
 class Missing(NamedTuple):
@@ -285,7 +285,7 @@ class Tracker:
             shown = []
             for name in names:
                 if name in looks and looks[name][1].reason not in NO_ROW:
-                    continue  # there are several, and more would cost more
+                    continue  # several rows exist, and others cost more
                 if shows_row(name, limit):
                     shown.append(name)
                 if name == state.leading and looks[name][1].reason == RESTING:

@@ -301,7 +301,7 @@ def test_an_image_stamped_ahead_is_told_by_the_next(peer):
     before = peer.report()[2]
     assert seen(show(peer, LAST, filmed.stamp_of(21))) == COUNT
     level, said, after = peer.report()
-    assert Level(level).name == 'WARN' and 'ahead' in said
+    assert Level(level).name == 'WARN' and 'in the future' in said
     assert rejected(after, 'ahead') - rejected(before, 'ahead') == 1
     assert after['resets'] == before['resets']
 

@@ -296,7 +296,7 @@ def test_a_tally_tells_of_images_stamped_ahead(tmp_path):
     tally = TrackTally(targets=TARGETS)
     for step in track_steps(open_images(path, SourceRequest()), TRACKER):
         tally.count(step)
-    assert any('ahead' in note for note in tally.notes)
+    assert any('in the future' in note for note in tally.notes)
     assert tally.explained == EXPLAINED
 
 

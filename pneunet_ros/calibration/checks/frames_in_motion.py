@@ -37,19 +37,19 @@ Indices = npt.NDArray[np.int64]
 Columns = Callable[[Array], Array]  # times (windows, frames) s -> (windows, frames, NUMBERS)
 
 DIRECTIONS = 2  # of target motion: the tip moves along a curve
-NUMBERS = 4  # coefficients of a vibration about a line, and of each smooth motion
-FEWEST = NUMBERS + 3  # frames in a window
-PERIODS = 1.5  # per window of the search: no cubic can follow this much of a vibration
+NUMBERS = 4  # coefficients of a vibration about a line, and of any smooth motion
+FEWEST = NUMBERS + 3  # least frames per window
+PERIODS = 1.5  # per search window: no cubic can follow this many periods of a vibration
 FREQUENCIES = 48  # tried
-RATIOS = (0.02, 0.05, 0.1, 0.2)  # damping ratios, tried
+RATIOS = (0.02, 0.05, 0.1, 0.2)  # damping ratios to try
 # Stiffness (alpha) of the softest arm, a tenth of that where a search for it begins: such an arm
 # would bend under its own weight, in the plane, by 25 times its length if it stayed linear.
 SOFTEST = 0.005
-CANTILEVER = 3.516  # frequency of its first mode, of sqrt(B / (m l^3))
+CANTILEVER = 3.516  # frequency of the first mode over sqrt(B / (m l^3))
 # Time constants of two decays, in windows: an arm that creeps, or lags behind its pressure.
 DECAYS = ((0.05, 0.2), (0.1, 0.4), (0.2, 0.8), (0.4, 1.6))
-MOST_WINDOWS = 500  # searched for a vibration per recording, and fitted at once
-GAIN_STD = 2.0  # of a window by white noise: half the difference of two chi^2 of 2 x DIRECTIONS
+MOST_WINDOWS = 500  # per recording, searched for a vibration and fitted at once
+GAIN_STD = 2.0  # of a window with white noise: half the difference of two chi^2 of 2 x DIRECTIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

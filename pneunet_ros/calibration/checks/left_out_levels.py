@@ -32,10 +32,10 @@ import scipy
 Places = npt.NDArray[np.complex128]
 SAME_LEVEL = 0.003  # of the pressure range: closer readings are averaged
 # By convention. No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-LEVELS = 10  # most groups of pressures: tenfold cross-validation
-FEWEST_LEVELS = 4  # the first, the last and two between
-FRAMES = 300  # of all runs: seconds of CPU
-AS_WELL = 1.1  # ratio of errors of predictions that do as well
+LEVELS = 10  # largest number of groups of pressures: tenfold cross-validation
+FEWEST_LEVELS = 4  # the first, the last and two in between
+FRAMES = 300  # in all runs, to limit the CPU time to seconds
+AS_WELL = 1.1  # ratio of errors up to which two predictions count as equally good
 Refit = Callable[[Sequence[RecordingData]], Fit]
 
 

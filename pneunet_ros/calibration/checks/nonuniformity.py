@@ -24,7 +24,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 
-# Lengths, correlation of both departures: of the paper's arm, about. No figure of
+# Correlation length of both departures (arm lengths): about that of the paper's arm. No figure of
 # acceptance/sweep.py moves when it is halved or doubled.
 SCALE = 0.3
 ROUNDING = 1e-12  # relative increase of a variance, so that it can be inverted

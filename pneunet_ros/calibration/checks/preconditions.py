@@ -32,14 +32,14 @@ from pneunet_ros.model.arm import Arm
 # Recordings with another unit, arm or sensor are far beyond these, others far within.
 # Invented: no figure of acceptance/sweep.py contains such a recording.
 FEWEST_FRAMES = 3  # of all recordings together
-FEWEST_TARGETS = 4  # seen somewhere in a recording
+FEWEST_TARGETS = 4  # targets that must be seen somewhere in a recording
 SMALLEST_MOTION = 0.0045  # of the tip, of the length
 UNLOADED_FORCE = 0.12  # of the weight: the offset of a force sensor
 LARGEST_PRESSURE = 1e6  # Pa, gauge
 BENDING_MOTION = 0.05  # of the tip, of the length: more than a few Pa
 LARGEST_FORCE = 100.0  # of the weight
 NEAREST_TIP = 0.02  # from the clamp to the last target, of the length
-SHORTEST_ROW = 0.5  # of its length, where it looks longest: chords are shorter than arcs
+SHORTEST_ROW = 0.5  # of its length, in the longest frame: chords are shorter than arcs
 HANGING_MOTION = 0.25  # at constant pressure, of the length: more than creep
 
 
@@ -245,7 +245,7 @@ def check_targets(run: RecordingData, arm: Arm) -> None:
         )
     seen = np.count_nonzero(run.seen, axis=0) > 0
     if run.heading is not None:
-        return  # that of the tip shows how far the arm bends
+        return  # the angle of the tip shows how far the arm bends
     if np.count_nonzero(seen) < FEWEST_TARGETS and not seen[-1]:
         raise RecordingError(
             f'{run.name} shows fewer than {FEWEST_TARGETS} targets, and never the last one',

@@ -31,7 +31,7 @@ HALVINGS = 30  # halvings of an interval: 30 give nine digits
 # Of a variation in the NEES of the tip, of 2 coordinates: half of what the mean of tips that are
 # covered well enough, 2.6, is beyond 2.
 MOST_NEES = 0.3
-MOST_ERROR = 0.5  # sigma of ln EI by which a law is widened, at most
+MOST_ERROR = 0.5  # largest sigma of ln EI by which a law is widened
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +113,7 @@ def stiffness_variation(fit: Fit, noise: SensorNoise) -> StiffnessVariation | No
     coefficients = frozen_array(np.linalg.solve(known, score))
     refitted = np.asarray(-prior.scale @ (solved[:, :-1] @ coefficients), np.float64)
     return StiffnessVariation(
-        # with the prior of EI: an unobservable direction has no score
+        # with the prior of EI, because an unobservable direction has no score
         statistic=float(score @ coefficients),
         dof=modes,
         coefficients=coefficients,

@@ -28,7 +28,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.perturbation import COLUMN_STEP, neighbors
 
-# Relative model error of fits: in MuJoCo they are off by up to 0.3 % of mass, 0.6 % of damping.
+# Relative model error of fits: in MuJoCo the mass is off by up to 0.3 %, the damping by 0.6 %.
 MODEL_ERROR = 0.004
 
 

@@ -124,7 +124,7 @@ class MotionProblem:
                 run.stamp_ns, run.solved, start, masses, damping_time, self.modes
             )
             is_small = np.hypot(*simulated[:, :, -1].T) <= WITHIN_95 * self.std
-            # if the chain diverges, no target may look like an unseen one
+            # if the chain diverges, a target must not look unseen
             bounded = np.clip(
                 np.nan_to_num(simulated, nan=self.diverged_position),
                 -self.diverged_position,
@@ -194,7 +194,7 @@ class MotionProblem:
         end = 0
         for which, (run, recording) in enumerate(zip(self.runs, runs, strict=True)):
             start, end = end, end + run.points.size
-            if run.plucked:  # these are constant about one equilibrium
+            if run.plucked:  # constant about one equilibrium
                 continue
             theta, curvature = run.theta_and_curvature[run.reading].swapaxes(0, 1)
             no_placement = np.zeros((2, theta.shape[1]))

@@ -25,7 +25,7 @@ def run(arguments: Namespace) -> int:
     with compilation_lock(), verb.progress_bar(shown=not arguments.json) as bar:
         already_compiled = kernels_are_cached()
         if not already_compiled:
-            # Imported only now, so that a process that waits for another one stays small.
+            # Imported late, to limit the memory of a process that only waits for another one.
             from pneunet_ros.offline.kernels import call_kernels
 
             gc.disable()  # numba keeps nearly all objects, so collections are slow and useless

@@ -224,7 +224,7 @@ def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
             estimate,
             jacobian=turned @ estimate.jacobian,
             tip_covariance=turned @ estimate.tip_covariance @ turned.T,
-            std_curvature=np.full_like(estimate.std_curvature, np.nan),  # that of a fixed force
+            std_curvature=np.full_like(estimate.std_curvature, np.nan),  # at a fixed force
         )
     if not arguments.tip or estimate is None:
         return Prediction(shape=shape, estimate=estimate)

@@ -58,7 +58,7 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Replay the recording and summarize."""
-    if arguments.fuse:  # imported here: a replay without it starts a quarter of a second earlier
+    if arguments.fuse:  # imported here, because the import takes a quarter of a second
         from pneunet_ros.cli.replay_fuse import run_fusion
 
         if arguments.views:

@@ -22,7 +22,7 @@ import time
 
 from pneunet_ros.core.kernels import jit
 
-# Others first: what waits for kernels has answers meanwhile.
+# A low priority: processes that wait for kernels run plain Python meanwhile.
 COMPILE = ('nice', '-n', '5', sys.executable, '-m', 'pneunet_ros.cli', 'compile')
 LOOK_AGAIN = 0.2  # s
 
@@ -97,7 +97,8 @@ def is_compiling() -> bool:
     """Whether a process is compiling these kernels."""
     with lock_file().open('w') as file:
         try:
-            # Shared: of two that look at once neither takes the other for one that compiles.
+            # A shared lock: two processes that look at once do not mistake each other for a
+            # compiling one.
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True

@@ -25,7 +25,7 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
     'PNEUNET_NO_NUMBA'
 )
-# Without what numba does for array expressions, which kernels have none of.
+# Without numba's passes for array expressions, because kernels contain none.
 WITHIN = {
     'error_model': 'numpy',
     'fastmath': {'contract'},
@@ -36,7 +36,7 @@ KERNEL = dict(WITHIN)
 INNER = {**WITHIN, 'no_cpython_wrapper': True}
 INLINED = {**INNER, 'forceinline': True}
 SUMMING = {**INNER, 'fastmath': {'contract', 'reassoc'}}
-# What only kernels call: by the function that they name, what numba compiles of it.
+# Functions called by kernels only: the plain function -> its compiled form.
 INNER_KERNELS: dict[Callable[..., Any], Any] = {}
 
 
@@ -163,8 +163,8 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     compiled: Any = numba.njit(**options)(function)
     if options is not INLINED:
         keep(compiled)
-    # What kernels call by the plain function; not as numba's `register_jitable`, which compiles
-    # once more for callers that are compiled with other options.
+    # Kernels call it by the plain function. numba's `register_jitable` would compile it again for
+    # callers with other options.
     infer_global(function, types.Dispatcher(compiled))
     if options is KERNEL:
         kernel_function: Function = compiled
@@ -244,4 +244,4 @@ def load_kept(function: Any) -> None:
         for signature, *_ in function._cache._cache_file._load_index():
             function.compile(signature)
     except AttributeError:
-        pass  # no cache, or a numba that keeps it in another way: loaded at the first call
+        pass  # no cache, or another cache layout of numba: loaded at the first call

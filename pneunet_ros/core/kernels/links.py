@@ -20,7 +20,7 @@ from pneunet_ros.core.interrupt import defer_interrupts
 # The next line makes this file one of those that recompile the kernels (`jit.fingerprint`):
 # core.kernels.jit import
 
-# By what it is called with, too, a kernel is compiled: its name here, and the types.
+# A kernel is also compiled per signature: its name here, and the types of its arguments.
 KERNELS: dict[str, Any] = {}
 NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
 
@@ -56,7 +56,7 @@ def linked_cache() -> Any:
 
         def __init__(self, function: Callable[..., Any], sources: str) -> None:
             super().__init__(function)
-            # Of the version, which numba reads before it looks for the types of another version.
+            # The version comes first, because numba checks it before the types.
             index = self._cache_file
             index._version = (index._version, sources)
 
@@ -97,10 +97,10 @@ def link(kernel: Any, sources: str) -> None:
 
 def give_name(kernel: str, result: Any) -> None:
     """Give compiled code the same symbol in every process."""
-    from llvmlite import binding  # it comes with numba
+    from llvmlite import binding  # a dependency of numba
 
     descriptor, types = copy(result.fndesc), tuple(result.signature.args)
-    descriptor.typemap = descriptor.calltypes = None  # large, and of no use to callers
+    descriptor.typemap = descriptor.calltypes = None  # large, and not needed by callers
     digest = hashlib.sha256(f'{kernel}{types}'.encode()).hexdigest()[:16]
     descriptor.mangled_name = f'{kernel}.{digest}'
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)

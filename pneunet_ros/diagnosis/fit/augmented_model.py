@@ -18,8 +18,8 @@ from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
-STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
-SURE = 2.0  # standard errors, by which a direction may be longer than a unit vector
+STATIONS = (0.2, 0.5, 0.8)  # s / l, at which shifts of kappa_p0 are reported
+SURE = 2.0  # standard errors, tolerance for the length of a unit vector
 
 
 def fit_with_effects(refit: Refit) -> Fit:

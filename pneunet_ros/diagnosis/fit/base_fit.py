@@ -32,7 +32,7 @@ def fit_base(
     RequestError or RecordingError if the recordings are unsuitable.
     """
     unloaded, loaded, one_pressure = checked_runs(frame, training, declared)
-    # A camera of another scale looks like a row of another spacing: that of the arm file is used.
+    # A wrong scale of the camera looks like another spacing: the spacing of the arm file is used.
     assumed = replace(frame.sensors, row_spacing_std=0.0)
     noise = estimate_noise(training, frame.target_arclength, assumed)
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)

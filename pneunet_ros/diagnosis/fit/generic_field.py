@@ -19,7 +19,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs, runs_in_order
 from pneunet_ros.model.arm import Arm
 
-PAST = 'past'  # stands for that over the second of the time constants
+PAST = 'past'  # represents the one over the second time constant
 STRETCH_REGRESSORS = ('1', 'p', 'p^2', 't', PAST, 'F1', 'F2')
 ROTATION_REGRESSORS = ('1', 'p', 't', PAST, 'F1', 'F2')
 SINGLE_REGRESSORS = ('p', 'F1', 'F2')
@@ -156,7 +156,7 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     stretch = stretch_fields(
         regressors.arclength, theta, regressors.clamp_angle, LINEARIZATION.modes
     )
-    # About the clamp: the way from there, turned by a right angle.
+    # Rotation about the clamp: the position relative to it, turned by a right angle.
     rotation = np.concatenate([-stretch[:, targets:, :1], stretch[:, :targets, :1]], axis=1)
     names, parts, past = [], [], past_name(LINEARIZATION.time_constants[1])
     for label, shapes, regressor_names in (

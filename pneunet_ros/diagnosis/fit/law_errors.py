@@ -20,11 +20,11 @@ from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
-DIFFERENCE = 0.1  # of a size; step of the derivative by it
+DIFFERENCE = 0.1  # of a size: step of the derivative with respect to it
 LEAST_VARIANCE = 1e-6  # of a column that is kept, in units of noise
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-SIZE = 0.3  # error of a size in every frame, each for itself, of the size
-MAY_LEAVE = 0.2  # excess that the law of an effect may leave, of that of the base
+SIZE = 0.3  # independent error of a size in every frame, relative to the size
+MAY_LEAVE = 0.2  # largest excess with the law of an effect, relative to that of the base
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

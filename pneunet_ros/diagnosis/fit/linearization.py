@@ -160,7 +160,7 @@ class Linearization:
         known_inputs: KnownInputs | None = None,
     ) -> None:
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
-        # What acted does not depend on the base model: one table for all points.
+        # The inputs do not depend on the base model: one table for all points.
         self.known_inputs = known_inputs or KnownInputs(self.runs, noise)
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
@@ -266,7 +266,7 @@ class Linearization:
         try:
             arm = replace(self.point, values=values, effects=tuple(effects)).arm
             points = self.points(arm, which)
-        except ModelError:  # a rigidity through zero
+        except ModelError:  # a rigidity crosses zero
             return None
         if points is None:
             return None
@@ -293,7 +293,7 @@ class Linearization:
             lost = block.linear.fitted.counted.any(axis=1) & ~solved
             if lost.mean() > MOST_LOST:
                 return None
-            # A frame without equilibrium carries no information: as if the model were right there.
+            # A frame without an equilibrium carries no information: the residual is zero.
             as_seen = block.run.points + block.linear.tangent.reshape(block.run.points.shape)
             fields = block.model.fields
             beside = paint(

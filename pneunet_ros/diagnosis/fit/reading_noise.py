@@ -56,7 +56,7 @@ def double_reading_noise(
     louder = replace(linearization.noise, pressure_std=float(np.sqrt(2.0)) * std)
     known = KnownInputs(noisy, louder)
     known.filtered = [
-        # Of a frame's own reading, the noise stays as it was.
+        # The noise of a frame's own reading is unchanged.
         replace(after, noise=after.noise + run.frame_pressure - more.frame_pressure)
         for after, run, more in zip(known.filtered, linearization.runs, noisy, strict=True)
     ]

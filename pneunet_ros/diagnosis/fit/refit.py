@@ -19,14 +19,15 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.gauss_newton import Bounds, gauss_newton
 
-MOST_STEPS = 5  # of Gauss-Newton in a round
+MOST_STEPS = 5  # Gauss-Newton steps per round
 MOST_HALVINGS = 5  # of a step that does not lower the cost
-# Step of numerical derivatives, of the prior's std. The base takes up most of what gravity does: a
-# coarser difference is bent by more than is left, and taken for information.
+# Step of numerical derivatives, of the prior's std. The base absorbs most of the effect of
+# gravity: with a coarser step the curvature of the difference exceeds the rest, and counts as
+# information.
 DIFFERENCE = 5e-4
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 BASE_ROUNDS = 20  # most relinearizations of the base fit, without effects
-UNSETTLED = 1e-3  # gain of a step more that is no answer, of the misfit
+UNSETTLED = 1e-3  # relative gain of a further step below which the fit has converged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -177,7 +178,7 @@ class JointFit:
         pairs = zip(self.fixed, jacobian, strict=True)
         columns = [np.concatenate([fixed, item * self.std], axis=1) for fixed, item in pairs]
         if not all(np.isfinite(item).all() for item in columns):
-            return None  # beside a shape that only just exists
+            return None  # next to a shape at the limit of existence
         return GaussianModel.of(
             columns,
             self.without_departures(at.base, at.residuals),
@@ -293,7 +294,7 @@ def settle(fit: Refit, rounds: int | None = None) -> Refit:
             break
         try:
             linearization = fit.linearization.at(around.point)
-        except ModelError:  # a rigidity through zero, between two signs
+        except ModelError:  # a rigidity crosses zero between two signs
             break
         again = JointFit(linearization, fit.hypotheses).fit(around.numbers, around.base)
         if again is None:

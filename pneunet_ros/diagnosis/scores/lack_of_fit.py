@@ -158,7 +158,7 @@ class TestedProblem:
         variances, axes = np.linalg.eigh(covariance)
         seen = variances > LACK_OF_FIT.least_seen
         basis = axes[:, seen] / np.sqrt(variances[seen])
-        # What more placement and camera would do than is expected: their part of the score.
+        # The part of the score due to larger errors of placement and camera than expected.
         placement = sum(item.T @ self.placement[which] for which, item in pairs)
         moved = basis.T @ (placement - solved.T @ self.placement_shared)
         disturbances = [(LACK_OF_FIT.placement_dof, moved)]

@@ -17,7 +17,7 @@ from pneunet_ros.diagnosis.fit.linearization import Linearization
 from pneunet_ros.diagnosis.scores.score_test import Candidate
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
-LEAST_INFORMATION = 1e-300  # of an effect of which nothing is left
+LEAST_INFORMATION = 1e-300  # of an effect without any remaining part
 FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportional to pressure
 
 

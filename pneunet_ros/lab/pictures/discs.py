@@ -24,7 +24,8 @@ EDGE = 1.1  # px; pixels farther from the edge are entirely inside or outside
 FINEST = 1e-3  # smallest slope of an edge against the axes, so that corners stay finite
 
 _AROUND = 2.0 * np.pi * np.arange(EDGE_POINTS) / EDGE_POINTS
-# The unit disc at which the map is looked at: center, four sides, four corners, then the edge.
+# Points of the unit disc at which the map is evaluated: center, four sides, four corners, then the
+# edge.
 _ACROSS = np.concatenate([[0.0, 1, -1, 0, 0, 1, 1, -1, -1], np.cos(_AROUND)])
 _ALONG = np.concatenate([[0.0, 0, 0, 1, -1, 1, -1, 1, -1], np.sin(_AROUND)])
 _PARTS = (np.arange(PARTS) + 0.5) / PARTS - 0.5
@@ -97,7 +98,7 @@ def _polygon(u: Array, v: Array, edge_u: Array, edge_v: Array) -> dict[str, Arra
     safe = np.where(twice == 0.0, 1.0, twice)
     offset_u = ((edge_u + next_u) * cross).sum(axis=1) / (3.0 * safe)
     offset_v = ((edge_v + next_v) * cross).sum(axis=1) / (3.0 * safe)
-    # A polygon in a circle is smaller than it by this.
+    # The ratio of the areas of a circle and the polygon inscribed in it.
     missing = _AROUND[1] / math.sin(_AROUND[1])
     return {
         'centroid': np.stack([u + offset_u, v + offset_v], axis=1),

@@ -216,7 +216,7 @@ class Renderer:
         if scene.glints:
             picture += self._glare
         if scene.noise > 0.0:
-            # Light that is more than the sensor holds is clipped before its noise is added.
+            # Saturated light is clipped before the noise is added.
             np.minimum(picture, np.float32(255.0), out=picture)
             picture += self._noise(rng)
         picture += np.float32(0.5)

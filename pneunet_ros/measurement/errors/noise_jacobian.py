@@ -62,7 +62,7 @@ def propagate_covariance(
     of x, y and curvature.
     """
     sources, causes, count = noise.shape[0], noise.shape[1], stations.shape[2]
-    size = len(std)  # not 3: loops of a known length are compiled as often
+    size = len(std)  # a number here would compile the loops once per length
     tip_change, change = np.zeros((sources, size)), np.empty(count)
     for source in range(sources):
         for cause in range(causes):

@@ -15,9 +15,7 @@ from pneunet_ros.measurement.dataset import SIGMA_OF_MEDIAN
 
 ORDERS = 2, 4, 6
 FEWEST = 12  # differences of an order that are used; invented
-REPEATS = (
-    0.2  # share of readings that are the one before, above which there is no estimate; invented
-)
+REPEATS = 0.2  # share of repeated readings above which there is no estimate; invented
 
 
 def white_std(readings: Array) -> float:

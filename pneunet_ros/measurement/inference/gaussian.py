@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
-BLOCK = 32  # columns that LAPACK reflects together
+BLOCK = 32  # block size of LAPACK's reflections
 TINY = 1e-12  # of a variance, due to rounding
 Where = slice | npt.NDArray[np.intp]
 
@@ -132,7 +132,7 @@ def _other_prior(
     before, after = stds
     root, mean = known.root[where] / before[:, None], (known.mean[where] - center) / before
     variance, axes = np.linalg.eigh(root @ root.T)
-    variance = np.clip(variance, TINY, 1.0)  # measurements take nothing away
+    variance = np.clip(variance, TINY, 1.0)  # measurements cannot reduce it
     information = (axes / variance) @ (axes.T @ mean)
     precision = (axes * (1.0 / variance - 1.0)) @ axes.T + np.diag((before / after) ** 2)
     covariance = np.linalg.inv(precision)

@@ -144,7 +144,7 @@ class PressureRecord:
         """Return the record with one more reading, which is finite."""
         recent = (*self.last, reading)
         median = sorted(recent)[len(recent) // 2]
-        started = self.count > 1  # with two readings the median is one of them
+        started = self.count > 1  # the median of two readings is one of them
         step = reading - self.last[-1] if self.last else 0.0
         second = recent[2] - 2.0 * recent[1] + recent[0] if len(recent) == 3 else 0.0
         curved = second != 0.0
@@ -228,7 +228,7 @@ def expected_of(arm: Arm) -> ExpectedPressure:
 
 
 # Without a model: 3 kPa to the 700 kPa of a shop line, and vacuum; the shares are a convention.
-# That pressure and vacuum are not a zero that was never set shows only where the arm is vented.
+# Only a vented arm distinguishes pressure and vacuum from a zero that was never set.
 ANY_ACTUATOR = tuple(
     ExpectedPressure(low=low, high=high, share=share, vented=low < 0.0 < high)
     for low, high, share in (
@@ -505,7 +505,7 @@ def log_likelihood(
     inside = 1.0 if excess <= margin else leaves + JUDGE.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE
-    # Without any change of pressure the furthest reading is the one at rest, at any value.
+    # Without any change of pressure the most distant reading is the one at rest, at any value.
     furthest = active + resting
     extremes = vented * furthest + held * (constant + (1.0 - constant) * furthest)
     return (

@@ -261,7 +261,7 @@ def best_yaw(shown: ShownForces) -> float:
     """Return the rotation (rad) of the readings that fits the forces best, in any unit."""
     weight = 1.0 / shown.std**2
     product_ = np.sum(weight * shown.force * np.conj(shown.reading))
-    angle = math.remainder(cmath.phase(complex(product_)), math.pi)  # the sign is another matter
+    angle = math.remainder(cmath.phase(complex(product_)), math.pi)  # regardless of the sign
     return round(angle, 2)
 
 

@@ -89,7 +89,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         takes: dict[Input[Any], Callable[..., None]] = {
             one: partial(self.take_gravity, one)
             for one in gravity_inputs(source)
-            # If the frame of the Imu is known, /tf is not needed; not every ROS has its type.
+            # If the frame of the Imu is known, /tf is not needed; its type is missing in some
+            # installations.
             if source.frame or has_message(one.type)
         }
         for sensor, take in (

@@ -50,7 +50,7 @@ parameters, as in
 class FusionNode(ConfiguredNode[FusionConfiguration]):
     """Passes messages to a `Fusion` and publishes its results in the same callback."""
 
-    PATIENCE: ClassVar[float] = 0.01  # a frame takes longer than ten estimates of an estimator
+    PATIENCE: ClassVar[float] = 0.01  # a frame takes longer than ten estimates by an estimator
 
     def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""

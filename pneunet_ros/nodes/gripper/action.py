@@ -15,7 +15,7 @@ from pneunet_ros.fusion.grasp import Grasp
 from pneunet_ros.nodes.gripper.grasping import Grasping
 
 NAME = 'gripper_cmd'
-SILENCE = 2.0  # s without a frame or a force that is needed, after which a goal is aborted
+SILENCE = 2.0  # s without a required frame or force, after which a goal is aborted
 
 
 def gripper_command() -> Any | None:
@@ -30,7 +30,7 @@ def serve_action(node: Any, goals: GripperGoals) -> Any:
     """Open the action server; returns objects that must be kept alive."""
     from rclpy.action import ActionServer, CancelResponse
 
-    node.is_polled = True  # an action does not wake our executor
+    node.is_polled = True  # an action does not wake this executor
     return ActionServer(
         node,
         goals.kind,

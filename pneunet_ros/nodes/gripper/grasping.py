@@ -53,7 +53,7 @@ class Grasping:
             arm: publisher(node, PRESSURE_TYPE, f'{arm}/pressure_command', output_qos())
             for arm in fusions
         }
-        self.controller()  # computes reaches before a command waits for them
+        self.controller()  # computes the reaches before the first command
         subscription(node, COMMAND_TYPE, 'gripper/command', self.take_command, output_qos())
         self.publish_mounts()
         for arm, fusion in fusions.items():

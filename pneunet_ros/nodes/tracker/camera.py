@@ -22,7 +22,7 @@ from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.vision.several_rows import check_rows, step_rows
 
 FOLLOW_PERIOD = 0.5  # s between checks of the quality of service of the camera
-COMPILING = 'compiling'  # reason of a refusal
+COMPILING = 'compiling'  # reason of a rejection
 COMPRESSED = 'compressed'
 
 
@@ -115,7 +115,7 @@ def camera_of(node: Any) -> Camera:
 
 def image_topic_of(node: Any) -> tuple[str, str, bool]:
     """Return the image topic of a tracker node, its type, and whether it is compressed."""
-    # Renaming the image renames what is made of it, as everywhere in ROS.
+    # Renaming the image topic renames the derived topics, as everywhere in ROS.
     topic = node.resolve_topic_name('image_raw')
     if node.configuration.node.image_transport == COMPRESSED:
         return f'{topic}/{COMPRESSED}', COMPRESSED_TYPE, True

@@ -47,7 +47,7 @@ are ROS parameters, as in
 class TrackerNode(ConfiguredNode[TrackerConfiguration]):
     """Passes images to a `Tracker` and publishes its results in the same callback."""
 
-    PATIENCE: ClassVar[float] = 0.02  # an image takes longer than all else
+    PATIENCE: ClassVar[float] = 0.02  # images take longest
 
     def __init__(self, node_options: NodeOptions = DEFAULT_OPTIONS) -> None:
         """Declare all parameters, warm up, and only then open the topics."""

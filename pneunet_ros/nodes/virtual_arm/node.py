@@ -70,7 +70,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.warm_up()
         self.state = self.configuration.lab.begin(self.now())
         self.rejected: Counter[str] = Counter()
-        self.refused = ''  # the last command since the last report that had no effect
+        self.refused = ''  # the last command without effect since the last report
         self.trouble: Refusal | None = None
         self.readings, self.reported = 0, time.monotonic()
         self.stamp_ns = self.frame_ns = 0  # of the last reading and the last frame

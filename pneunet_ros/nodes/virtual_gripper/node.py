@@ -68,7 +68,7 @@ class VirtualGripperNode(ConfiguredNode[VirtualGripperConfiguration]):
             surface = mount.origin + mount.axes[:, :2] @ tip + mount.thickness * inward
             depth = float(inward @ (surface - center)) + 0.5 * settings.object_width
             outward = -(mount.axes[:, :2].T @ inward)
-            # An arm without mass gives way at once, by up to 300 times as much as the object.
+            # An arm without mass yields at once, up to 300 times as far as the object.
             compliance_ratio = 1.0 / (
                 1.0 + settings.object_stiffness * member.tip_compliance(outward)
             )

@@ -78,7 +78,7 @@ def _is_turned(file: Path) -> bool:
     try:
         seen, stored = (_pixels(file, upright=upright) for upright in (True, False))
     except (MessageError, OSError):
-        return False  # reading the stream says why
+        return False  # reading the stream reports the cause
     return not np.array_equal(seen, stored)
 
 

@@ -159,7 +159,7 @@ def _recorded_items(
     for name, log_time_ns, raw in recording.raw_messages([*decoded, *passed_on]):
         reading: Image | Lens | MessageError | CameraError | None = None
         if name == info_topic and raw[BEHIND_STAMP:] == last_content:
-            reading = lens  # only the stamp has changed
+            reading = lens  # only the stamp differs
         elif name in topics:
             kind = topics[name].type
             try:
@@ -171,7 +171,8 @@ def _recorded_items(
         yield StreamItem(log_time_ns, name, reading, raw)
 
 
-# The first that fits opens a path; what is neither a folder of images nor a video is a recording.
+# The first matching source opens a path; anything but a folder of images or a video is a
+# recording.
 SOURCES = (
     SourceKind(fits=_is_folder, open=_open_folder),
     SourceKind(fits=_is_video, open=_open_video),

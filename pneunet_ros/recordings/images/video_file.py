@@ -31,14 +31,14 @@ SILENT = 0  # log level of OpenCV
 FIRST_FRAMES = 20  # read to see whether a video has times
 _BROKEN_OFF = 0.9  # share of the declared frames below which a video counts as cut off
 
-# Read by OpenCV when it opens its first video: errors report what ffmpeg would print.
+# Read by OpenCV when it opens its first video: error messages replace the output of ffmpeg.
 os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
 
 
 @contextmanager
 def silence() -> Iterator[None]:
     """Suppress messages of OpenCV, because errors report the problem."""
-    change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; OpenCV 5 has it in another place
+    change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; the module was moved in OpenCV 5
     change = change or cv2.utils.logging.setLogLevel
     before = change(SILENT)
     try:

@@ -98,7 +98,7 @@ def views_of(
 
 def smoother_of(fit: Fit) -> Smoother:
     """Return the smoother for targets after subtraction of the estimated placement."""
-    sensors = replace(fit.arm.sensors, placement_std=0.0)  # so the smoother expects no more of it
+    sensors = replace(fit.arm.sensors, placement_std=0.0)  # already subtracted
     return smoother_for(replace(fit.arm, sensors=sensors))
 
 

@@ -16,7 +16,7 @@ from pneunet_ros.reports.style import BAND_SIGMAS, draw_errors, FIRST, legend, p
 
 FRAMES = 60  # in all, of all loaded runs
 MILLI = 1000.0  # mN per N
-WIDEST = 3.0  # times the largest force: more uncertain ones are left out of the limits
+WIDEST = 3.0  # times the largest force: the limits of the axis ignore more uncertain ones
 WAYS = (('all targets', False, FIRST), ('the tip alone', True, SECOND))
 
 

@@ -30,7 +30,7 @@ from pneunet_ros.solver.columns import RIGIDITY
 PAPER_PRESSURE = 53_800.0  # Pa, of Figure 8 (a)
 MILLI = 1000.0  # mN m per N m
 SECTION_COLORS = (FIRST, SECOND)
-# Largest relative error of a slope that a figure draws: beyond it a point is all bar.
+# Largest relative error of a slope in a figure: beyond it only the error bar is visible.
 RIGIDITY_ERROR = 0.3
 
 
@@ -289,7 +289,7 @@ def draw_slopes(
         label=f'{name}, from lines',
     )
     if np.ptp(x) > 0.0 and x.size > 2:
-        # By relative errors: a standard error is about in proportion to its rigidity.
+        # Weighted by relative errors: a standard error is about proportional to its rigidity.
         slope, level = np.polyfit(x, value, 1, w=np.abs(value) / std)
         ends = np.array([x.min(), x.max()])
         axes.plot(ends, level + slope * ends, color=color, linestyle='--', linewidth=1.2)

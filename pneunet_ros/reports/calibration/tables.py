@@ -13,7 +13,7 @@ from pneunet_ros.core.units import kilopascals, quantities
 from pneunet_ros.model.arm import Arm
 
 CURVATURE, RIGIDITY = 'intrinsic_curvature.curvature', 'moment_law.rigidity'
-# What the noise is shown in: SI unit -> unit for people, how many of it.
+# Units of the noise: SI unit -> displayed unit, number of them per SI unit.
 SHOWN_UNITS = {'Pa': ('Pa', 1.0), 'N': ('mN', 1e3), 'N m': ('mN m', 1e3), 'm': ('um', 1e6)} | {
     'rad': ('mrad', 1e3),
     '-': ('%', 100.0),

@@ -17,7 +17,7 @@ from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import FIRST, legend, panels, same_height
 
 ALONE = 0.1  # s / l, width of the cell of a single target
-HIGHEST = 8.0  # times the noise: more is drawn alike
+HIGHEST = 8.0  # times the noise: larger values have the same color
 WORDS: dict[Axis, tuple[str, float]] = {  # label and units shown per SI unit
     'arclength': ('arclength s / l', 1.0),
     'pressure': ('pressure (kPa)', kilopascals(1.0)),
@@ -90,7 +90,7 @@ def borders(places: Array) -> Array:
         return np.array([places[0] - 0.5 * ALONE, places[0] + 0.5 * ALONE])
     middle = 0.5 * (places[1:] + places[:-1])
     first, last = 2.0 * places[0] - middle[0], 2.0 * places[-1] - middle[-1]
-    # Not beyond the clamp, nor beyond the soft part or what was seen of a cap.
+    # Not beyond the clamp, nor beyond the soft part or the visible part of a cap.
     return np.concatenate([[max(first, 0.0)], middle, [min(last, max(1.0, places[-1]))]])
 
 

@@ -22,10 +22,10 @@ FRAMES = 40  # of every recording, at most
 DIRECTIONS = ((1.0, 'pressure rising', SECOND), (-1.0, 'pressure falling', FIRST))
 HELD = (0.0, 'pressure not moved', GREY)
 MILLI = 1000.0  # mN m per N m
-TURN_SHARE = 0.02  # of the largest pressure; the figure has another arrow where it turned by it
-TURN_SIGMAS = 6.0  # of a pressure reading; and at least by as much, which no noise is
-LOOP_START = 0.3  # s / l; where the middle of the arm begins over which a figure averages
-LOOP_STOP = 0.8  # s / l; where it ends
+TURN_SHARE = 0.02  # of the largest pressure: change of direction with an arrow of its own
+TURN_SIGMAS = 6.0  # sigma of a pressure reading: the change must exceed the noise
+LOOP_START = 0.3  # s / l; beginning of the averaged middle part of the arm
+LOOP_STOP = 0.8  # s / l; its end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

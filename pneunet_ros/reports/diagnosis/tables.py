@@ -47,7 +47,7 @@ class Table:
 def added_effects(diagnosis: Diagnosis) -> list[str]:
     """Return the named effects in the augmented model."""
     present = {effect.name for effect in diagnosis.after.arm.effects}
-    if diagnosis.after.arm.inertia is not None:  # of which the model file has a block of its own
+    if diagnosis.after.arm.inertia is not None:  # with a block of its own in the model file
         present.add(Inertia.name)
     return [effect.name for effect in diagnosis.effects if effect.name in present]
 
@@ -219,7 +219,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     for name, item in diagnosis.detectable.items():
         low, high = item.expected
         unit = unit_text(item.unit)
-        # If a stiffness is infinite when nothing is missing, smaller values are stronger effects.
+        # A stiffness that is infinite without the effect: smaller values are stronger effects.
         neutral = float(getattr(EFFECTS[name](), item.parameter))
         within = 'below' if neutral == math.inf else 'from'
         if 0.0 < neutral < math.inf:

@@ -17,7 +17,7 @@ from pneunet_ros.reports.figure import Picture, render_page
 from pneunet_ros.reports.style import FIRST, GREY, legend, panels, SECOND, THIRD
 
 TEMPLATE = 'exploration_report.html.jinja'
-SHOWN = 5  # rivals with a line of their own
+SHOWN = 5  # rivals listed on a line of their own
 COLORS = (FIRST, SECOND, THIRD, '#8a5fb0', '#b08a2e')
 
 

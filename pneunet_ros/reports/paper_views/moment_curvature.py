@@ -134,7 +134,7 @@ def line(
     weight = targets / np.count_nonzero(inside) / view.std[inside] ** 2
     design = np.column_stack([np.ones_like(moment), moment])
     normal = design.T @ (weight[:, None] * design)
-    # Scaled, since a moment is small beside one.
+    # Scaled, because a moment is small compared to 1.
     size = np.sqrt(np.diag(normal))
     if size[1] == 0.0 or np.linalg.cond(normal / np.outer(size, size)) > 1e10:
         return None

@@ -19,12 +19,12 @@ from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.measurement.steady_states import steady_segments
 from pneunet_ros.model.arm import Arm
 
-# What is shown. No figure of acceptance/sweep.py moves when one of these is halved or doubled.
-SHARE_OF_SPAN = 0.01  # of the largest reading, that a steady state may span
-NOISE_SPAN = 8.0  # sigma, that readings of one value may span
+# Display only. No figure of acceptance/sweep.py moves when one of these is halved or doubled.
+SHARE_OF_SPAN = 0.01  # of the largest reading: largest range of a steady state
+NOISE_SPAN = 8.0  # sigma: largest range of readings of one value
 HOLD_SHARE = 0.3  # least duration of a hold, relative to the longest state
-FEWEST_HOLDS = 4  # to use holds alone
-COVERED = 0.8  # share of the pressures that holds must span
+FEWEST_HOLDS = 4  # fewest holds for using them alone
+COVERED = 0.8  # share of the pressure range that the holds must span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

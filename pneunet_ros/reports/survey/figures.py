@@ -29,12 +29,12 @@ from pneunet_ros.reports.survey.survey_data import SurveyData
 NUMBERS = 4  # beside each other
 ROW_HEIGHT = 0.19  # inches an arm
 TITLE = 30  # letters a line
-INTERVALS = 3  # between ticks, at most; more run together
+INTERVALS = 3  # between ticks, at most; the labels of more overlap
 
 ANSWER_MARKS = {'none': '·', 'unknown': '?', 'unobservable': '∅'}
 
 SHAPES = 7  # beside each other
-PRESSURES = 5  # from none to that of the comparison
+PRESSURES = 5  # from zero to the pressure of the comparison
 STATIONS = 25
 PANEL_HEIGHT = 1.55  # inches
 

@@ -32,11 +32,11 @@ from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import scipy
 
-FOLLOWS = 0.99  # share of tracked frames from which a tracker is reported to follow
+FOLLOWS = 0.99  # share of tracked frames from which the tracking counts as successful
 
 TEMPLATE = 'tracking_report.html.jinja'
 SCRIPT = 'scrub.js'
-SHOWN = 48  # frames, at most; half as many are always there when there were more
+SHOWN = 48  # largest number of frames; of a longer film at least half as many
 WIDEST = 720  # px, of a frame in the page
 JPEG_QUALITY = 70
 MICRO = 1e6

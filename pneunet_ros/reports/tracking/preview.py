@@ -37,12 +37,12 @@ HEAT = ListedColormap([MISSING, '#d8b08c', '#9fb4cb', '#6b90bb', SEEN]).with_ext
 WIDTH = 20.0  # inches
 PICTURES = 5
 LONGEST_TITLE = 150  # letters
-CURVES = 60  # at most, of centerlines; half as many are always there when there were more
+CURVES = 60  # largest number of centerlines; of a longer film at least half as many
 Collector = TypeVar('Collector')
 BANDS = 8  # curvatures with their uncertainty
 
 COLUMNS = 600  # at most
-GAP = 3.0  # usual distances of frames, from which there is a gap
+GAP = 3.0  # median periods of the frames, from which there is a gap
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

@@ -10,12 +10,12 @@ from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.settings import ACCEPTED, SolverSettings
 
-FIRST_LOAD_STEP = 0.05  # of the load; steps adapt from there
-LEAST_LOAD_STEP = 1e-4  # of the load, where steps that are halved again and again end
-# Most steps of Newton's method at one load, before the load step is halved.
+FIRST_LOAD_STEP = 0.05  # of the load: initial step, adapted later
+LEAST_LOAD_STEP = 1e-4  # of the load: smallest step after repeated halving
+# Largest number of Newton steps at one load, before the load step is halved.
 LOAD_STEP_ITERATIONS = 10
 EASY_ITERATIONS = 4  # steps of Newton's method up to which the load step may grow
-LOAD_STEP_GROWTH = 1.5  # of a load step that was easy
+LOAD_STEP_GROWTH = 1.5  # of an easy load step
 
 Newton = Callable[[Array, Array, Array, int, float], tuple[float, int]]
 

@@ -10,7 +10,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.kernels.jit import inner, kernel
 
 TINY = 1e-300  # no weight at all
-ROUNDING = 1e-13  # of the largest offset: what arithmetic leaves of a length that is zero
+ROUNDING = 1e-13  # of the largest offset: rounding of a length of zero
 
 
 @kernel
@@ -30,7 +30,7 @@ def way_from_hull(points: Array, at: Array, way: Array) -> None:
         furthest = max(furthest, math.sqrt(square))
         if square < nearest:
             nearest, first = square, vertex
-    chosen, count = np.zeros(size + 2, np.int64), 1  # vertices of which the nearest point is made
+    chosen, count = np.zeros(size + 2, np.int64), 1  # vertices that span the nearest point
     weights, wanted = np.zeros(size + 2), np.zeros(size + 2)
     chosen[0], weights[0] = first, 1.0
     for _ in range(4 * vertices):
@@ -53,7 +53,7 @@ def way_from_hull(points: Array, at: Array, way: Array) -> None:
         count += 1
         while count > 1:
             if not nearest_in_plane(offsets, chosen[:count], ROUNDING * furthest, wanted):
-                return  # rounding alone has made it look nearer
+                return  # it looks nearer only because of rounding
             share, out = 1.0, -1
             for k in range(count):
                 if wanted[k] <= 0.0 and weights[k] <= share * (weights[k] - wanted[k]):

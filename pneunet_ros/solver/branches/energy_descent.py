@@ -160,7 +160,7 @@ def loaded_guess(panels: Array, ends: Array, nodes: Array) -> None:
         middle = theta[2 * p + 1] - start - links[2 * p, col.LINK_ROTATION]
         last = theta[2 * p + 2] - start - panel[col.PANEL_ROTATION_END]
         moment = nodes[p + 1, col.NODE_MOMENT]
-        for i in range(GAUSS_POINTS):  # a parabola for what comes to the intrinsic rotation
+        for i in range(GAUSS_POINTS):  # a parabola for the rotation added to the intrinsic one
             u = GAUSS_ABSCISSAE[i]
             bend = u * (4.0 * middle - last + u * (2.0 * last - 4.0 * middle))
             angle = start + panel[col.PANEL_ROTATION + i] + bend

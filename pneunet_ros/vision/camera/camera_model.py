@@ -24,7 +24,7 @@ from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.image import LARGEST_SIDE
 from pneunet_ros.core.kernels.jit import inlined, kernel
 
-# Model -> how many coefficients it may have. More than eight are of models with more terms, whose
+# Model -> possible numbers of coefficients. More than eight are of models with more terms, whose
 # coefficients must then be zero.
 COEFFICIENTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14)}
 TERMS = 8  # k1, k2, p1, p2, k3, k4, k5, k6

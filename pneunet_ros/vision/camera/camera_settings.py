@@ -14,7 +14,7 @@ from pneunet_ros.core.units import check_quantities, quantity
 
 BRIGHT, DARK, AUTO = 'bright', 'dark', 'auto'
 POLARITIES = (AUTO, BRIGHT, DARK)
-LEAST_CHROMA = 20.0  # of a color, in L*a*b* of 8 bits: below, a print is grey for most people
+LEAST_CHROMA = 20.0  # of a color, in L*a*b* of 8 bits: below it a print looks grey to most people
 UNIT = 0.01  # a quaternion this near to unit length was rounded and is normalized
 
 

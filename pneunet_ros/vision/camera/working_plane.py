@@ -16,10 +16,10 @@ from pneunet_ros.core.kernels.jit import kernel
 from pneunet_ros.vision.camera.camera_model import copy_pairs, Lens
 from pneunet_ros.vision.camera.camera_settings import HomographyPlane, PosePlane
 
-FARTHEST = 1e6  # m or normalized; nothing that a camera sees is farther out
+FARTHEST = 1e6  # m or normalized; beyond the view of any camera
 DEGENERATE = 1e-9  # of the largest singular value; a matrix that maps the plane to a line
 UNDETERMINED = 1e-2  # the same, of the equations for a homography; a square has 0.27
-MISFIT = 0.05  # of the extent of the points; farther off one of them is mistaken
+MISFIT = 0.05  # of the extent of the points; with a larger residual one of them is wrong
 NEAREST = 1e-4  # m, from the camera to the working plane
 
 

@@ -48,8 +48,9 @@ class BlobSettings:
 
 
 BLOBS = BlobSettings()
-# By how much a thresholded area may be off the limits of blobs, which its edge decides: of the
-# smallest and largest area, and of the elongation; and its center off that of the blob, diameters.
+# Tolerances of a thresholded area relative to the limits of blobs, which apply to its edge: for
+# the smallest and largest area, and for the elongation; and distance of its center from that of
+# the blob, diameters.
 LEAST_AREA, LARGEST_AREA, LONGER, OFF_BLOB = 0.5, 1.5, 1.2, 0.25
 ROUNDNESS = 0.88  # area over that of the ellipse with the same moments; a square has 0.95
 NESTED = 0.35  # radii between the centers of one blob at two levels
@@ -72,7 +73,7 @@ class Appearance:
         """Brightness and size of a blob."""
         if isinstance(self.band, AdaptiveBand):
             return Look(limits=self.limits, brightest=math.inf, contrast=self.band.contrast)
-        # A plateau that was fitted to saturated pixels is 255, more or less.
+        # A plateau fitted to saturated pixels is about 255.
         brightest = self.band.high if self.band.high < SATURATED else math.inf
         return Look(limits=self.limits, brightest=brightest, contrast=LEAST_CONTRAST)
 
@@ -148,7 +149,7 @@ def bright_and_dark_areas(
     if not isinstance(appearance.band, AdaptiveBand):
         return None
     cuts = _cuts(grey, appearance)
-    # A dark area is a hole at the levels above it; it grows with the level.
+    # A dark area is a hole at the levels above its own; it grows with the level.
     dark = [table * np.array([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0]) for table in cuts[::-1]]
     return _joined(cuts, appearance), _joined(dark, appearance)
 
@@ -170,7 +171,7 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     limits = appearance.limits
     _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
     contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    # As long as an ellipse of the largest area can be around, at most.
+    # At most the circumference of an ellipse with the largest area.
     longest = 8.0 * math.sqrt(LARGEST_AREA * limits.largest * limits.elongation)
     shortest = 2.0 * math.sqrt(LEAST_AREA * limits.smallest)
     corners = np.fromiter(map(len, contours), np.int64, len(contours))

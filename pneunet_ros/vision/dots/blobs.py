@@ -30,8 +30,8 @@ from pneunet_ros.vision.dots.centroid import (
     V,
 )
 
-# Measured in an image, those of the largest contrast. No figure of acceptance/sweep.py moves when
-# it is halved or doubled.
+# Largest number of measured blobs of an image, by contrast. No figure of acceptance/sweep.py moves
+# when it is halved or doubled.
 MOST_AREAS = 500
 
 
@@ -130,7 +130,7 @@ def nearest_blobs(
     near = away <= reach + OFF_BLOB * across
     clear = np.isin(np.arange(len(near)), areas.stand_out(appearance))
     areas = areas._replace(centers=centers)
-    # Most are found by what stands out; only what is left costs more.
+    # Most blobs are found by their contrast; only the remaining ones cost more.
     for group in (np.flatnonzero(near & clear), np.flatnonzero(near & ~clear)):
         left = np.isnan(nearest[possible[piece_of[group]], U])
         some = group[left]

@@ -51,7 +51,7 @@ Mask = npt.NDArray[np.bool_]
 # Columns of a measured blob.
 U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST, BLUR, SEEN, EXACT, LEVEL, FILLED = range(13)
 BEYOND = 13
-SMEAR = slice(14, 16)  # way of the blob while the shutter is open, px
+SMEAR = slice(14, 16)  # motion of the blob during the exposure, px
 COLUMNS = 16
 
 
@@ -100,7 +100,7 @@ def measure_outlines(
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where no target is possible."""
     rows = np.full((len(starts), COLUMNS), np.nan)
     known = ~np.isnan(starts).any(axis=1)
-    # One kind of array, for which the kernel is compiled once.
+    # One type of array, so that the kernel is compiled once.
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False
     fitted = fit_ellipses(pixels, starts[known], settings)

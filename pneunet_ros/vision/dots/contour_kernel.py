@@ -41,7 +41,7 @@ def fill_moments(
             pixels += max(step_x, step_y)
             x, y = x2, y2
         area = 0.5 * twice
-        # The contour leads through the middle of pixels: half a pixel is outside of it.
+        # The contour passes through the middle of pixels: half a pixel is outside.
         outer = 0.5 * way + 1.0
         length[number] = pixels
         table[number, 0] = area + outer if area > 0.0 else area + outer - 2.0

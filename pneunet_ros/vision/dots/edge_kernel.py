@@ -11,26 +11,28 @@ from pneunet_ros.core.kernels.jit import inlined, inner, summing
 
 Integers = npt.NDArray[np.int64]
 
-# What is searched: way of the center; size, two changes of shape; blur; way of motion; plateau and
-# its slopes. The first eight move the edge.
+# Unknowns: shift of the center; size, two changes of shape; blur; motion; plateau and its slopes.
+# The first eight move the edge.
 UNKNOWNS, MOVING = 11, 8
-# Columns after them: what is left of a pixel, and how its grey level changes as the edge moves.
+# Columns after them: residual of a pixel, and derivative of its grey level with respect to a shift
+# of the edge.
 LEFT, EDGE = 11, 12
-# The pixels near an edge stand in blocks: BLOCK numbers for each of these columns, one column
-# after the other in one array, so that loops over the pixels are vectorized. A pixel is covered by
-# as much as the plateau changes it; the columns up to DRAWN are sums over moments.
+# The pixels near an edge are stored in blocks: BLOCK numbers for each of these columns, one column
+# after the other in one array, so that loops over the pixels are vectorized. The derivative of a
+# pixel by the plateau is its coverage; the columns up to DRAWN are sums over moments.
 BLOCK = 256
 COVERED = 8
 FURTHER, X, Y, LEVEL, SECTOR, SHARE, BARE, HEIGHT, WEIGHT, WEIGHTED = range(13, 23)
 DRAWN, LINES = 14, 23
-# The pixels that can be near an edge, a line each: px from where the fit begins, grey level, the
-# sector and how far it is on its way to the next one, and px outside of the edge as it is now.
+# The pixels that can be near an edge, one per row: px from the initial center, grey level, the
+# sector and the fraction of the way to the next one, and px outside of the current edge.
 RIM_X, RIM_Y, RIM_LEVEL, RIM_SECTOR, RIM_SHARE, RIM_OUTSIDE = range(6)
 RIM_LINES = 6
 MOST_MOMENTS = 13  # of an exposure
-# The table of the normal distribution, in standard deviations: places in each, and how many.
+# Table of the normal distribution: entries per standard deviation, and number of standard
+# deviations.
 STEPS, FARTHEST = 64, 8
-SIXTH = 1.0 / 6.0  # a division takes as long as ten products
+SIXTH = 1.0 / 6.0  # a division takes as long as ten multiplications
 
 
 def normal_table() -> Array:
@@ -86,7 +88,7 @@ def distance_outside(xx: float, xy: float, yy: float, across: float, down: float
     """
     ratio = math.sqrt(max(across * across + down * down, 1e-12))
     out_x, out_y = xx * across + xy * down, xy * across + yy * down
-    # At the very center there is no normal; it is far inside then.
+    # The center has no normal; it is far inside the edge.
     return (ratio - 1.0) * ratio / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
 
 
@@ -175,7 +177,7 @@ def draw_moment(lines: Array, size: int, given: Array, time: float, part: float)
         square = max(across * across + down * down, 1e-12)
         ratio = math.sqrt(square)
         out_x, out_y = xx * across + xy * down, xy * across + yy * down
-        # At the very center there is no normal; it is far inside then.
+        # The center has no normal; it is far inside the edge.
         normal = 1.0 / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
         stretch = ratio * normal
         distance = (ratio - 1.0) * stretch * sharp

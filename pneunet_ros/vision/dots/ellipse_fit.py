@@ -17,24 +17,26 @@ Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # An ellipse, before and after the fit: center u, v px; symmetric axes (xx, xy, yy) px, which map
-# the unit circle to it; blur px of its edge where it does not move; its way while the shutter is
-# open, px (forward or backward: a picture does not tell); grey levels of plateau and background.
+# the unit circle to it; blur px of its edge where it does not move; its motion during the
+# exposure, px (of unknown sign, because an image does not show it); grey levels of plateau and
+# background.
 CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH, SMEAR_U, SMEAR_V = range(8)
 PLATEAU, BEHIND = 8, 9
-# Only before: how well its shape (of its radius), blur and way (px), plateau and size (of its
-# radius) are known, one sigma; infinite of a plateau that is not known.
+# Only before: one sigma of shape (of its radius), blur and motion (px), plateau and size (of its
+# radius); infinite for an unknown plateau.
 SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD, SIZE_STD = range(10, 15)
-# Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
-# exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
-# all the edge that is clearly outside of the ellipse.
+# Only after: std of the center px; share of the visible edge near the ellipse, and share of the
+# whole edge exactly on it; share of the inside that is as bright as modeled; share of the whole
+# edge clearly outside of the ellipse.
 ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
 FITTED = 15
 
-# Moments of an exposure that are averaged, and from which way (px) on. No share of a pixel that is
-# covered is then off by more than 0.2 %, up to a way of 20 px where edges are blurred by 0.9 px.
+# Number of averaged instants of an exposure, and motion (px) from which they are used. The error
+# of the coverage of a pixel is then below 0.2 %, up to a motion of 20 px with edges blurred by 0.9
+# px.
 MOMENTS = ((2, 0.5), (3, 1.3), (5, 3.2), (9, 6.5), (13, 13.0))
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
-SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian noise
+SIGMA = 1.4826  # standard deviation over the median absolute deviation, for Gaussian noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

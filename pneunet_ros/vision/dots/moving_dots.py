@@ -42,9 +42,8 @@ from pneunet_ros.vision.dots.ellipse_fit import (
 )
 import scipy
 
-FLAT = 1e-6  # added to the normal equations: nothing is known of a spline without pixels
-# What is searched of a dot, after its contrast: center (2), way while the shutter is open (2),
-# size.
+FLAT = 1e-6  # added to the normal equations, because a spline without pixels is undetermined
+# Unknowns of a dot, after its contrast: center (2), motion during the exposure (2), size.
 OF_DOT = 5
 
 
@@ -122,7 +121,7 @@ class MovingDotSettings:
 
 
 MOVING_DOTS = MovingDotSettings()
-# Of the contrast, largest rms residual of a dot; measured: 0.03 of dots that are seen, there. No
+# Largest rms residual of a dot, relative to its contrast; measured: 0.03 for visible dots. No
 # figure of acceptance/sweep.py moves when it is halved or doubled.
 MOST_LEFT = 0.08
 
@@ -237,14 +236,14 @@ def _fit_within(
 ) -> MovingDot | None:
     """Fit a dot to the pixels around an outline (FITTED,)."""
     pixels = _cut(grey, outline, along, end, settings)
-    many = pixels.arm.shape[1]  # then contrast, center, way and size
+    many = pixels.arm.shape[1]  # then contrast, center, motion and size
     count, spare = len(pixels.x), len(pixels.x) - many - 1 - OF_DOT
     if spare < many:
         return None
     drawn = outline[[SMEAR_U, SMEAR_V]]
     given = known.longer * drawn
     off, way, size, contrast = np.zeros(2), given.copy(), known.size, known.contrast
-    std = np.full(many + 1 + OF_DOT, math.inf)  # what is known before; nothing of the center
+    std = np.full(many + 1 + OF_DOT, math.inf)  # the prior, without any for the center
     std[many], std[many + 5] = known.contrast_std, known.size_std
     std[many + 3 : many + 5] = known.way_std * math.hypot(*given)
     wanted = np.zeros(len(std))

@@ -35,12 +35,12 @@ from pneunet_ros.vision.dots.edge_kernel import (
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-# What is known of an ellipse, before and after its fit; what each means says `ellipse_fit`.
+# Columns of an ellipse, before and after its fit; for their meaning see `ellipse_fit`.
 U, V, XX, XY, YY, BLUR, WAY_U, WAY_V, LIGHT, BEHIND = range(10)
-SHAPE_STD, BLUR_STD, WAY_STD, LIGHT_STD, SIZE_STD = range(10, 15)  # before
-ERROR, NEAR, ON, WITHIN, OUTSIDE = range(10, 15)  # after
+SHAPE_STD, BLUR_STD, WAY_STD, LIGHT_STD, SIZE_STD = range(10, 15)  # before the fit
+ERROR, NEAR, ON, WITHIN, OUTSIDE = range(10, 15)  # after the fit
 GREY_LEVELS = 256
-PLAIN = 0.3  # of its height, that the inside of a blob may be darker than it is drawn
+PLAIN = 0.3  # of its height: the inside of a blob may be this much darker than modeled
 LEAST_BLUR, MOST_BLUR = 0.29, 3.5  # px, of an edge; a pixel is a square of this standard deviation
 LEAST_AXIS = 0.5  # px, half the smallest axis of an ellipse
 

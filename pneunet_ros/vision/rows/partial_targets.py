@@ -87,7 +87,7 @@ def with_partial(
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
     believed = np.isfinite(found[:, U])
-    # What is neither as large as it has been, nor a part of what its neighbors are, is something
+    # A blob with neither the earlier size, nor the look of a part of such a target, is something
     # else.
     other = partial & ~believed & ~same & np.isfinite(share)
     if not (believed | other).any():
@@ -120,7 +120,7 @@ def _parts_at(
     share = share_of_area(row.table, expected)
     believed &= believable_parts(found, expected, share, settings, view.vision.gating)
     if last is not None:
-        # What was not seen before must be on the row: a finger nail is as bright and as large.
+        # A new target must be on the row: a finger nail is as bright and as large.
         worse = found[:, STD] > settings.unclear * np.nanmedian(row.table[:, STD])
         believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
     found[~believed] = np.nan
@@ -138,7 +138,7 @@ def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) 
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (row.table[both, :2] - last.pixels[both]) / seconds
         neighbors = view.vision.row_look.neighbors
-        # No exposure is longer than the time between two images, of which a stamp may be wrong.
+        # No exposure is longer than the time between two images, whose stamps may be wrong.
         exposure = min(last.exposure, seconds)
         ways = exposure * velocity_along_row(moved, view.arclength, both, neighbors)
         longer = np.hypot(*ways.T) > np.hypot(expected[:, SMEAR_U], expected[:, SMEAR_V])

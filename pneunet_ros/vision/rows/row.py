@@ -27,9 +27,9 @@ from pneunet_ros.vision.gating import Mask
 from pneunet_ros.vision.rows.view import View
 from pneunet_ros.vision.settings import VisionSettings
 
-LONGEST_PREDICTION = 0.1  # s, for which velocities are extrapolated: then an arm may have turned
+LONGEST_PREDICTION = 0.1  # s, longest extrapolation of velocities: later the arm may have reversed
 
-# Why a target of a row that was found is not seen, as a person reads it after "target N: ".
+# Causes of an unseen target of a found row, in messages that begin with "target N: ".
 CAUSES = {
     'no_dot': 'nothing at its position looks like a dot: it is covered, out of focus, outside '
     'the image, or has too little contrast (grey_band, area)',

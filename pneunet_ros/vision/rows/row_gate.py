@@ -18,7 +18,7 @@ from pneunet_ros.vision.gating import (
 from pneunet_ros.vision.rows.row import ObservedRow, TrackedRow
 from pneunet_ros.vision.rows.view import View
 
-NEAR_CLAMP = 4  # targets that hardly move unless the camera does
+NEAR_CLAMP = 4  # targets that hardly move unless the camera moves
 
 
 def gate_row(

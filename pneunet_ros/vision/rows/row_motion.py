@@ -16,7 +16,7 @@ from pneunet_ros.vision.rows.row_gate import expected_pixels
 from pneunet_ros.vision.rows.view import View
 from pneunet_ros.vision.settings import VisionSettings
 
-LEAST_WAY = 5.0  # px, of all targets between two frames, before the shutter is estimated
+LEAST_WAY = 5.0  # px, motion of all targets between two frames, before the exposure is estimated
 
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:
@@ -44,7 +44,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
-    # One that gets smaller is cut off or covered: what is left of its edge looks whole by chance.
+    # A shrinking target is cut off or covered: the rest of its edge looks whole by chance.
     look = view.vision.row_look
     smaller = last.seen & (row.table[:, AREA] < look.least_area * last.area)
     shown = shows_own_size(row.table, look, view.vision.gating) & ~last.sized & ~smaller
@@ -62,7 +62,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
         exposure = view.settings.shutter.exposure or exposure
         noise = np.hypot(row.table[both, STD], last.table[both, STD]) / seconds
-        # It is that of the middle between the frames; its change predicts the next one.
+        # This is the velocity half way between the frames; its change predicts the next one.
         change = 0.5 * np.hypot(*(velocity - last.velocity)[both].T)
         velocity_std[both] = np.hypot(noise, change)
         velocity_std[~both] = velocity_std[both].max()
@@ -115,7 +115,7 @@ def exposure_of(
     unknown. A frame in which almost nothing moves does not change it.
     """
     settings = vision.row_tracker
-    least = settings.least_exposure * seconds  # and no longer than from frame to frame
+    least = settings.least_exposure * seconds  # and at most the time between frames
     if before == 0.0:
         before = math.sqrt(least * seconds)
     smeared = (table[:, SMEAR] != 0.0).any(axis=1)

@@ -161,7 +161,7 @@ def _search_within(
             continue
         more = limit + CHANCE
         decide: tuple[float, ...] = limit, more, more + CHANCE, math.inf
-        if limit > LIMITS[-1]:  # those that cost more still are there by chance
+        if limit > LIMITS[-1]:  # more expensive rows are accidental
             more = min(more, view.vision.beam_search.dearest(view.arclength.size))
             decide = limit, more
         blobs = measured(candidates.near(points, more))
@@ -199,7 +199,7 @@ def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Fail
     points = view.lens.undistort(blobs.centers)
     at_rest = whole = _row_at_rest(view, blobs, points, arclength, limits)
     if isinstance(whole, Failure):
-        # The last target may be seen in part: its neighbors tell where to look for it.
+        # The last target may be partly visible: its neighbors predict its position.
         short = arclength.size > LEAST_TARGETS
         if whole.reason != 'no_row' or not short:
             return whole
@@ -223,7 +223,8 @@ def _search(view: View, blobs: Blobs, limits: tuple[float, ...]) -> Array | Fail
             'cut off by the end of the arm?',
         )
     again = view.dot_centers(found.table)
-    # One beside a slot or a glint is measured again by its neighbors' look: the same target still.
+    # A target next to a slot or a glint is measured again with the look of its neighbors: it
+    # remains the same target.
     apart = np.hypot(*(again[: len(at_rest)] - at_rest).T)
     same = np.count_nonzero(apart < 0.5 * spacing_of(at_rest, places))
     if same < vision.beam_search.seen * arclength.size:

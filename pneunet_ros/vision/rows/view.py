@@ -17,7 +17,7 @@ from pneunet_ros.vision.dots.centroid import axes_of, COLUMNS, Mask, U, V
 from pneunet_ros.vision.rest_plane import Failure
 from pneunet_ros.vision.settings import VisionSettings
 
-# Mean, and the parts with one and two waves, of eight points around an outline.
+# Mean, and the components with one and two periods, of eight points around an outline.
 TURN = 0.25 * math.pi * np.arange(8)
 AROUND = freeze(
     0.25
@@ -75,7 +75,7 @@ class View:
         points[:, :, 1] = table[:, V] + cosine * xy + sine * yy
         outline = self.lens.undistort(points.reshape(-1, 2)).reshape(len(points), -1)
         center, first, second, cosine, sine = (AROUND @ outline).reshape(len(AROUND), -1, 2)
-        # What bends an ellipse by two waves around it shifts the one that fits best.
+        # A distortion of an ellipse with two periods around it shifts the best fit.
         size = _cross(first, second)
         along = (_cross(cosine, second) + _cross(first, sine)) / size
         aside = (_cross(sine, second) - _cross(first, cosine)) / size
