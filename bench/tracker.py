@@ -29,7 +29,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain
-from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.lens import overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 from pneunet_ros.vision.camera.camera_settings import CameraSettings
@@ -61,7 +61,9 @@ def center_errors(images: int) -> list[dict[str, float]]:
     rows = []
     settings = CameraSettings()
     for radius, noise in itertools.product(RADII, NOISES):
-        camera = looking_down(width=640, height=480, focal_px=640.0, scale=1e-4, middle=(0.0, 0.0))
+        camera = overhead_camera(
+            width=640, height=480, focal_px=640.0, scale=1e-4, middle=(0.0, 0.0)
+        )
         scene = Scene(camera=camera, background=BACKGROUND, texture=0.0, noise=noise, blur=BLUR)
         renderer = Renderer(scene)
         rng = np.random.default_rng(int(100 * radius + noise))

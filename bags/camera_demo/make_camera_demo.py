@@ -21,7 +21,7 @@ import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.lens import overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer, Truth
 from pneunet_ros.lab.pictures.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
 from pneunet_ros.messages.readings import PRESSURE_TYPE
@@ -51,7 +51,7 @@ JPEG_QUALITY = 85
 HAND = (2.2, 4.0)  # s, when a hand comes in and is gone again
 
 SCENE = Scene(
-    camera=looking_down(
+    camera=overhead_camera(
         width=640,
         height=480,
         focal_px=610.0,

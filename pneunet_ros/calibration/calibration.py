@@ -182,7 +182,7 @@ def calibrate_as_stamped(
         prepared.frame, prepared.noise, prepared.runs, on_progress, resolution=resolution
     )
     continued = earlier is not None
-    fits.planned = 1 if continued else fits_ahead(resolution, len(prepared.loaded), compare)
+    fits.planned = 1 if continued else count_fits(resolution, len(prepared.loaded), compare)
     found = fit_experiments(fits, prepared, kind, compare, earlier)
     widened = widen(fits, prepared, found, continued)
     joint, posterior = widened.joint, widened.kept.posterior(*fits.span(earlier))
@@ -334,7 +334,7 @@ def notes_of(
     )
 
 
-def fits_ahead(resolution: Resolution, loaded: int, compare: bool) -> int:
+def count_fits(resolution: Resolution, loaded: int, compare: bool) -> int:
     """Return the number of model fits in a calibration with this many loaded runs."""
     if resolution.constant_pressure:
         return 2

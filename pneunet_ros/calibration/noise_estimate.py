@@ -175,7 +175,7 @@ def include_correlation(found: Found, alike: float, correlation: float) -> list[
 
 
 def carries_time(run: RecordingData) -> bool:
-    """Whether the frames of a recording are in time, and enough to show noise or the past."""
+    """Whether a recording is a time series long enough to show noise or memory."""
     return not run.static and len(run.stamp_ns) >= NOISE_ESTIMATE.fewest
 
 

@@ -36,7 +36,7 @@ def print_table(console: Console, table: Table, empty: str = 'none') -> None:
         for column, width in zip(columns, widths, strict=True):
             part.add_column(column.header, justify=column.justify, overflow='fold', width=width)
         for cells in zip(*(column.cells for column in columns), strict=True):
-            part.add_row(*map(broken_at_slashes, cells, widths))
+            part.add_row(*map(break_at_slashes, cells, widths))
         console.print(part)
         title = None
 
@@ -65,7 +65,7 @@ def print_facts(console: Console, title: str, facts: Mapping[str, str]) -> None:
     print_rows(console, title, (), facts.items())
 
 
-def broken_at_slashes(text: object, width: int) -> str:
+def break_at_slashes(text: object, width: int) -> str:
     """Break words longer than `width` after a slash, as in topic and file names."""
     return re.sub(rf'(?=\S{{{width + 1}}})\S{{,{width - 1}}}/', r'\g<0>\n', str(text))
 

@@ -22,7 +22,7 @@ from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.paths import resolve_links
 from pneunet_ros.core.share import share_path
-from pneunet_ros.files.atomic import written_together
+from pneunet_ros.files.atomic import all_or_none
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.film import record_film
@@ -97,7 +97,7 @@ def track(arguments: Namespace) -> int:
     with ExitStack() as stack:
         # The preview is written even if tracking fails, because it shows the cause.
         previews = preview_followers(arguments, stack, stream, arm, film)
-        stack.enter_context(written_together())
+        stack.enter_context(all_or_none())
         tabulate = table_writer(arguments, stack)
         bar = stack.enter_context(verb.progress_bar(shown=not arguments.json))
         task = bar.add_task('looking for the arm at rest', total=stream.frames)

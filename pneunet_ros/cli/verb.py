@@ -128,7 +128,7 @@ def print_notes(console: Console, sentences: Iterable[str]) -> None:
         console.print(f'note: {sentence}')
 
 
-def present_written(
+def print_outputs(
     arguments: Namespace, content: dict[str, Any], text: str, more: Iterable[str] = ()
 ) -> None:
     """Print the outputs of a verb, with its own sentences and further notes."""

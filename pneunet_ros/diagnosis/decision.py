@@ -42,7 +42,7 @@ def decide(
     alike = tuple(
         item.names
         for item in sorted(rivals, key=lambda item: -item.evidence)
-        if passes_alike(item, best.record) and not set(item.names) <= set(best.names)
+        if is_equivalent_rival(item, best.record) and not set(item.names) <= set(best.names)
     )
     verdict = Verdict(answer='inseparable' if alike else 'named', trial=best, alike=alike)
     objections = confirmer.objections(best.record, verdict.alternatives)
@@ -57,7 +57,7 @@ def decide(
     )
 
 
-def passes_alike(rival: Record, best: Record) -> bool:
+def is_equivalent_rival(rival: Record, best: Record) -> bool:
     """Whether an adequate rival without more effects explains the recordings as well.
 
     The comparison is by evidence, or by chi squared alone; in the latter case, only the prior

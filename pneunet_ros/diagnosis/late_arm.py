@@ -188,7 +188,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
     diagnosis, at_rest = moving.found.diagnosis, found.diagnosis
     if diagnosis.answer == 'unknown':
         return not_named(diagnosis, moving.fit, 'a part of the misfit remains unexplained')
-    base = whitened_as(moving.found, found.base, found)
+    base = whiten_like(moving.found, found.base, found)
     falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
     if tested and 2.0 * falls < CONFIRMATION.fall:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
@@ -211,7 +211,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
     return name_inertia(whole, moving.fit, tested=tested)
 
 
-def whitened_as(other: Investigation, trial: Trial, found: Investigation) -> Trial:
+def whiten_like(other: Investigation, trial: Trial, found: Investigation) -> Trial:
     """Return a trial with its recordings whitened by the noise of another investigation.
 
     Without subtraction, a swing would be treated as noise and make other residuals look small.

@@ -85,7 +85,7 @@ class RunColumns(abc.ABC):
     def left_out_gain(self, runs: Runs, std: float) -> float:
         """Return the gain in log probability of every run, predicted from the others."""
         every = self.left_out(runs)
-        return float(left_out_gains(every, [range(every[0].score.size)], [std])[0, 0])
+        return float(cross_validation_gains(every, [range(every[0].score.size)], [std])[0, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +181,7 @@ def log_gains(score: Array, information: Array, stds: Sequence[float] | Array) -
     return np.asarray(0.5 * (variances * scores**2 / shrunk - np.log(shrunk)).sum(axis=-1))
 
 
-def left_out_gains(
+def cross_validation_gains(
     evidence: Sequence[Evidence], chosen: Sequence[Sequence[int]], stds: Sequence[float]
 ) -> Array:
     """Return gains in log probability of every run predicted from the others, (choices, stds).

@@ -225,7 +225,7 @@ def look_for_law(
         kind = best.suspect.kind.name
         notes = (f'the closest cause is {kind}; no law is given: {"; ".join(objections)}',)
         return replace(unconfirmed, notes=notes), best
-    tied = tied_kinds(best, findings, suspects)
+    tied = equivalent_kinds(best, findings, suspects)
     found = (describe(best, tied, search),)
     return replace(unconfirmed, found=found, evaluation=evaluation, closed=closed), best
 
@@ -245,7 +245,7 @@ def consider_aperiodic(fits: JointFits, law: Discovery, best: Finding | None) ->
     findings = [finding_of(item, None, fits) for item in suspects]
     if objections_to(findings[0], fits):
         return law
-    tied = tied_kinds(findings[0], findings, suspects)
+    tied = equivalent_kinds(findings[0], findings, suspects)
     return Discovery(
         searched=True,
         found=(describe(findings[0], tied, search),),
@@ -317,7 +317,7 @@ def measured_terms(suspect: Suspect) -> Law | None:
 def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:
     """Return the finding of a suspect, with its joint fit if it has one."""
     base, gain = fits.base, suspect.left_out_gain
-    explained = suspect_explained(suspect, fits.search)
+    explained = suspect_gain(suspect, fits.search)
     share = min(1.0, explained / max(excess_of(base), explained))
     if proposal is not None:
         gain = proposal.evidence - base.record.evidence
@@ -345,7 +345,7 @@ def excess_of(base: Trial) -> float:
     return max(float(squares), base.record.excess)
 
 
-def suspect_explained(suspect: Suspect, search: Search) -> float:
+def suspect_gain(suspect: Suspect, search: Search) -> float:
     """Return the reduction of chi squared by the law of a suspect."""
     if suspect.law is not None:
         return suspect.law.explained
@@ -450,7 +450,7 @@ def block_columns(white: Sequence[Array], runs: Runs) -> list[Array]:
     return np.split(scipy.linalg.block_diag(*parts), rows[:-1])
 
 
-def tied_kinds(
+def equivalent_kinds(
     best: Finding, findings: Sequence[Finding], suspects: Sequence[Suspect]
 ) -> tuple[str, ...]:
     """Return the other kinds that explain equally much, by joint fits or by left-out gain."""

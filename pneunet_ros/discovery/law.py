@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.discovery.amplitude import Columns, left_out_gains, Runs
+from pneunet_ros.discovery.amplitude import Columns, cross_validation_gains, Runs
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.settings import LAW, MOST_TERMS
@@ -60,7 +60,9 @@ def choose_law(cause: Cause, runs: Runs) -> Law | None:
         rivals = [term for term in range(len(cause.terms)) if term not in chosen]
         if not rivals:
             break
-        gains = left_out_gains(evidence, [[*chosen, term] for term in rivals], LAW.prior_sizes)
+        gains = cross_validation_gains(
+            evidence, [[*chosen, term] for term in rivals], LAW.prior_sizes
+        )
         row, column = np.unravel_index(gains.argmax(), gains.shape)
         most, std, term = float(gains.max()), LAW.prior_sizes[column], rivals[row]
         if most < gain + LAW.least_gain:

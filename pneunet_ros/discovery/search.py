@@ -224,7 +224,7 @@ class Search:
         Each is at its best position. If a kind has a law in measured quantities, this law
         describes it better.
         """
-        return best_first(
+        return rank_suspects(
             self.at_best_position(kind, partial(self.swung, kind, periodic=False))
             for kind in self.kinds
         )
@@ -239,7 +239,7 @@ class Search:
 
     def suspects(self) -> list[Suspect]:
         """Return all kinds with a law or a swing, best first."""
-        return best_first(self.suspect(kind) for kind in self.kinds)
+        return rank_suspects(self.suspect(kind) for kind in self.kinds)
 
     def suspect(self, kind: Kind) -> Suspect | None:
         """Return a kind with its best prediction of left-out recordings; None if it has none."""
@@ -251,7 +251,7 @@ class Search:
         return None if law is None else Suspect(cause=law.cause, law=law, swing=None)
 
 
-def best_first(suspects: Iterable[Suspect | None]) -> list[Suspect]:
+def rank_suspects(suspects: Iterable[Suspect | None]) -> list[Suspect]:
     """Return the suspects that predict left-out recordings, best first."""
     known = [item for item in suspects if item is not None and item.left_out_gain > 0.0]
     return sorted(known, key=lambda item: -item.left_out_gain)

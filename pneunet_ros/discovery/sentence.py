@@ -21,7 +21,7 @@ def law_sentence(
     sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
     return (
         f'{opening(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
-        f'{tied_words(tied)} This is a proposal until other recordings confirm it.'
+        f'{describe_ties(tied)} This is a proposal until other recordings confirm it.'
     )
 
 
@@ -35,8 +35,8 @@ def swing_sentence(
         grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
         changes = f'oscillates with a period of {swing.period:.3g} s{grows} (up to {size})'
     return (
-        f'{opening(kind, location)}: the {kind.amplitude} {changes}.{tied_words(tied)} It depends '
-        'on no measured quantity, so no model can predict it.'
+        f'{opening(kind, location)}: the {kind.amplitude} {changes}.{describe_ties(tied)} It '
+        'depends on no measured quantity, so no model can predict it.'
     )
 
 
@@ -46,7 +46,7 @@ def drift_sentence(
     """Describe a cause that depends on the time since the start of a recording."""
     words = terms_words(kind, terms)
     return (
-        f'{opening(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time '
+        f'{opening(kind, location)}: the {kind.amplitude} {words}.{describe_ties(tied)} The time '
         'since the start of a recording is not a sensor reading, so no model can use it.'
     )
 
@@ -73,7 +73,7 @@ def term_size(term: TermOfLaw) -> str:
     return f'{term.coefficient:.3g}{unit}{factor}'
 
 
-def tied_words(tied: Sequence[str]) -> str:
+def describe_ties(tied: Sequence[str]) -> str:
     """Describe the equally good explanations."""
     if not tied:
         return ''

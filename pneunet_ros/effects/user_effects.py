@@ -116,7 +116,7 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
     """Add effects to the table of effects, each with its origin for messages."""
     added: dict[str, type[Effect]] = {}
     for effect, origin in found:
-        wrong = breach(effect)
+        wrong = contract_violation(effect)
         if wrong:
             raise ModelError(
                 f'{origin}: {getattr(effect, "__name__", effect)} {wrong}', reason='wrong_form'
@@ -133,7 +133,7 @@ def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
     return tuple(added.values())
 
 
-def breach(effect: Any) -> str:
+def contract_violation(effect: Any) -> str:
     """Describe how a class violates the contract of effects; empty if it complies.
 
     Numerical properties, e.g. that its neutral value has no influence, are tested by the property

@@ -14,12 +14,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.experiment_design import Experiment, informations
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
-from pneunet_ros.exploration.rivals import (
-    NOTHING,
-    rival_candidates,
-    size_moments,
-    trial_in_question,
-)
+from pneunet_ros.exploration.rivals import NOTHING, rival_candidates, size_moments, trial_to_extend
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 
@@ -84,7 +79,7 @@ def ranked_choices(
     """Return all experiments with their values, best first."""
     if isinstance(investigation, UnsettledInvestigation):
         return []
-    trial = trial_in_question(investigation)
+    trial = trial_to_extend(investigation)
     items = allowed_experiments(safe)
     candidates = rival_candidates(investigation.selection, trial)
     span = safe.low, safe.high

@@ -111,7 +111,7 @@ def explore(
         rounds.append(item)
         yield item
         before = item.diagnosis or before
-        if name_stayed(rounds, settings.stays):
+        if is_name_confirmed(rounds, settings.stays):
             return
         on_progress('the next recording', 0, 0)
         recorded = [one.choice.experiment for one in rounds]
@@ -126,7 +126,7 @@ def rms_of_last(arm: Arm, runs: Sequence[RecordingData]) -> float:
     return score(arm, runs[-1], inputs_of(arm, runs)[-1]).rms
 
 
-def name_stayed(rounds: Sequence[Round], stays: int = EXPLORATION.stays) -> bool:
+def is_name_confirmed(rounds: Sequence[Round], stays: int = EXPLORATION.stays) -> bool:
     """Whether the last name appeared in earlier rounds, so that a recording tested it."""
     names = [named_effects(item.investigation) for item in rounds[-stays:]]
     return len(names) == stays and bool(names[-1]) and len({*names}) == 1
@@ -136,7 +136,7 @@ def is_clear(rounds: Sequence[Round]) -> bool:
     """Whether the last answer is final: a confirmed name, or `none` with nothing undetectable."""
     last = rounds[-1]
     nothing_missing = last.investigation.diagnosis.answer == 'none' and not last.undetectable
-    return nothing_missing or name_stayed(rounds)
+    return nothing_missing or is_name_confirmed(rounds)
 
 
 def diagnosis_settings(count: int) -> DiagnosisSettings:

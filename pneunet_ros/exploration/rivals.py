@@ -26,7 +26,7 @@ def named_effects(investigation: Investigation | UnsettledInvestigation) -> froz
     return frozenset(item.name for item in diagnosis.effects)
 
 
-def trial_in_question(investigation: Investigation) -> Trial:
+def trial_to_extend(investigation: Investigation) -> Trial:
     """Return the trial that rivals extend: the named one, or the base.
 
     Effects that cannot be distinguished are rivals of each other, on top of the base.
@@ -70,7 +70,7 @@ def rival_probabilities(investigation: Investigation | UnsettledInvestigation) -
     """
     if isinstance(investigation, UnsettledInvestigation):
         return {}
-    selection, trial = investigation.selection, trial_in_question(investigation)
+    selection, trial = investigation.selection, trial_to_extend(investigation)
     logs = {NOTHING: 0.0}
     for item in rival_candidates(selection, trial):
         fitted = selection.tried.get(frozenset([*trial.names, item.name]))

@@ -69,7 +69,7 @@ def atomic_output(
 
 
 @contextmanager
-def written_together() -> Iterator[None]:
+def all_or_none() -> Iterator[None]:
     """Move all outputs written in this context to their final paths at its end, or none."""
     finished: list[_Output] = []
     token = _TOGETHER.set(finished)
@@ -144,7 +144,7 @@ class _Output:
 # Outputs that this process has begun or finished: the user's name, the path, and the inode of the
 # written file or folder.
 _PUT: list[tuple[str, Path, int]] = []
-_TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', default=None)
+_TOGETHER: ContextVar[list[_Output] | None] = ContextVar('all_or_none', default=None)
 
 
 def outputs_written() -> list[str]:

@@ -20,7 +20,7 @@ from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.moving_arm import MovingShape, Run, Swing
-from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.lens import overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Body, Dots, FrameState, Light, Scene
 from pneunet_ros.lab.scenario import Scenario
@@ -39,7 +39,7 @@ from pneunet_ros.lab.simulation import (
 OUTLINE = 57  # stations of the outline of the arm
 # The camera is perpendicular to the working plane; its pose is in config/lab_camera.yaml.
 SCENE: Final = Scene(
-    camera=looking_down(
+    camera=overhead_camera(
         width=640,
         height=480,
         focal_px=610.0,

@@ -224,7 +224,7 @@ def refuse_unsupported_effects(chain: Chain) -> None:
         )
 
 
-def refuse_less_damping_than_a_step(motion: LabMotion) -> None:
+def check_damping_time(motion: LabMotion) -> None:
     """Raise RequestError for a damping time below one step, the damping of the integrator."""
     if motion.damping_time < motion.timestep:
         raise RequestError(
@@ -247,7 +247,7 @@ class Run:
         self.turning = any(motion.turn_angle)
         chain = chain_at(np.zeros(1))
         refuse_unsupported_effects(chain)
-        refuse_less_damping_than_a_step(motion)
+        check_damping_time(motion)
         self.has_clamp_hinge = chain.clamp_compliance > 0.0
         self.hinges = Hinges(chain, self.links)
         root = mjcf_tree(self.hinge_chain())

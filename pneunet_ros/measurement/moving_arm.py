@@ -495,7 +495,7 @@ def after_gap(
     """
     from scipy.linalg import expm, solve_continuous_lyapunov  # slow to import, and gaps are rare
 
-    rates, projection = rates_about(links, masses, damping_time, moment)
+    rates, projection = linearized_rates(links, masses, damping_time, moment)
     displacement = np.zeros(2 * SHAPES)
     displacement[:SHAPES] = projection @ (state.links.heading - links.heading)
     rates_in_gap = rates - np.eye(2 * SHAPES) / (2.0 * gap)  # not longer ago than the gap
@@ -508,7 +508,7 @@ def after_gap(
     return np.asarray(swings + steps)
 
 
-def rates_about(
+def linearized_rates(
     links: Links, masses: Masses, damping_time: float, moment: Array
 ) -> tuple[Array, Array]:
     """Return d(q', p') / d(q, p) about an equilibrium at rest, and the projection on the shapes.

@@ -26,12 +26,12 @@ from pneunet_ros.measurement.moving_arm import (
     advance_between_readings,
     follow_reading,
     LEFT_OUT,
+    linearized_rates,
     Moved,
     moved_shape,
     MovingArm,
     MovingState,
     Places,
-    rates_about,
 )
 from pneunet_ros.model.equilibrium import Sensitivity, solve
 from pneunet_ros.model.shape import Shape
@@ -265,7 +265,7 @@ class SwingingArm:
             state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes, turn_rate
         )
         links = following.links
-        rates, projection = rates_about(links, masses, motion.damping_time, modes.moment)
+        rates, projection = linearized_rates(links, masses, motion.damping_time, modes.moment)
         reference = self.reference_at(following, moving, projection, propagated.mean)
         if previous is None or start_links is None:
             return propagated, reference, moving

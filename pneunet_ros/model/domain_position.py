@@ -71,7 +71,7 @@ def locate_load(
     inside = min(max(chamber, low), high)
     at = (load.force_x, load.force_y, load.moment, inside)
     pressure_beyond = arm.beyond_range(chamber)
-    load_beyond, distance = beyond_loads(arm, at, noise)
+    load_beyond, distance = distance_from_domain(arm, at, noise)
     reason, sentence = '', ''
     if pressure_beyond > DOMAIN.pressure_margin:
         reason, sentence = OUT_OF_RANGE, out_of_range(arm, chamber)
@@ -95,7 +95,9 @@ def locate_load(
     )
 
 
-def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple[float, float]:
+def distance_from_domain(
+    arm: Arm, at: Sequence[float], noise: Sequence[float]
+) -> tuple[float, float]:
     """Return the distance of a load (4,) from the domain, relative to its size, and in N.
 
     NaN if the load exceeds its noise (4,) but the arm has no domain.

@@ -298,7 +298,7 @@ def find_headings(
         if most >= least:
             sentence = 'no equilibrium found with a push that rotates with the arm'
             return failed_shape(arm, load, arclength, sentence, most, shape.iterations)
-        single = linearize_singly(start, rods, turns(rods, heading))
+        single = linearize_fixed_pushes(start, rods, turns(rods, heading))
         slopes = push_rotations(single, rods.push_place)[LOADS:].T
         heading, least = heading + np.linalg.solve(np.eye(heading.size) - slopes, missed), most
 
@@ -491,7 +491,7 @@ def linearize_shape(
         if changes is not None:
             # Here the causes of the loads precede those of the rotations.
             every = replace(changes.pointed(heading), by_load=False).followed_by(every)
-    single = linearize_singly(solution, rods, every)
+    single = linearize_fixed_pushes(solution, rods, every)
     by_load = changes is not None and changes.by_load
     if not (by_load or rods.push_place.size):
         return single
@@ -499,7 +499,7 @@ def linearize_shape(
     return replace(single, mixing=mixing, tip=freeze(mixing @ single.tip))
 
 
-def linearize_singly(
+def linearize_fixed_pushes(
     solution: SolverNodes, rods: Rods, changes: Perturbation | None
 ) -> Sensitivity:
     """Linearize a solved rod whose pushes keep their directions."""

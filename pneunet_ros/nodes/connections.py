@@ -53,7 +53,7 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
                     f'{kind}'
                 )
                 continue
-            reason = why_not(other.qos_profile, item.qos_profile)
+            reason = incompatibility(other.qos_profile, item.qos_profile)
             if reason:
                 yield (
                     f'{topic} of {name_of(other)} cannot be received ({reason}): set '
@@ -63,12 +63,12 @@ def mismatch_sentences(node: Any) -> Iterator[str]:
         pause()
         topic = item.topic_name
         for other in node.get_subscriptions_info_by_topic(topic):
-            reason = why_not(item.qos_profile, other.qos_profile)
+            reason = incompatibility(item.qos_profile, other.qos_profile)
             if reason:
                 yield f'{name_of(other)} cannot receive {topic} ({reason})'
 
 
-def why_not(published: Any, subscribed: Any) -> str:
+def incompatibility(published: Any, subscribed: Any) -> str:
     """Return the reason for an incompatible publisher and subscription; empty if they match.
 
     Only reliability and durability are compared, because for other policies the graph does not

@@ -80,7 +80,7 @@ def stored_files(path: Path) -> list[Path]:
     ]
 
 
-def unread_parts(path: Path, messages: int) -> Iterator[Note]:
+def report_unread_parts(path: Path, messages: int) -> Iterator[Note]:
     """Report parts of a recording that are missing, or not listed in its metadata.
 
     messages: number of messages in its files.

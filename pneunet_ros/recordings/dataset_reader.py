@@ -79,14 +79,14 @@ def read_run(
     keep = TARGETS.present(points)
     if pose is not None:
         keep |= TIP_POSE.present(pose)
-    _say_left_out(sentences, frames, ~keep, 'no_target', 'no target was visible')
+    _report_excluded(sentences, frames, ~keep, 'no_target', 'no target was visible')
     reading, keep = _match_pressure(sentences, frames, readings, keep)
     load, known, keep = _match_load(sentences, frames, wrench, by_string, keep)
     measured = read_gravity(recording, overrides, settings, gravity)
     if measured is not None:
         sentences += measured.sentences
         unknown = keep & ~measured.is_known(frames.stamp_ns)
-        _say_left_out(
+        _report_excluded(
             sentences, frames, unknown, 'no_gravity', 'the direction of gravity is unknown'
         )
         keep &= ~unknown
@@ -216,7 +216,7 @@ def _match_pressure(
     shown = frame_instants(frames.stamp_ns, readings.stamp_ns, reading)
     jumped = keep & frames_in_jumps(shown, readings.stamp_ns, readings.values[:, 0])
     why = 'the pressure jumped between two readings'
-    _say_left_out(sentences, frames, jumped, 'between_readings', why)
+    _report_excluded(sentences, frames, jumped, 'between_readings', why)
     return reading, keep & ~jumped
 
 
@@ -257,11 +257,11 @@ def _match(
     """Return the reading nearest to each frame, and the remaining frames."""
     found, matched = nearest(frames.stamp_ns, readings)
     why = f'no {readings.topic} reading within half its period'
-    _say_left_out(sentences, frames, keep & ~matched, 'unmatched', why)
+    _report_excluded(sentences, frames, keep & ~matched, 'unmatched', why)
     return found, keep & matched
 
 
-def _say_left_out(
+def _report_excluded(
     sentences: list[str],
     frames: ReadingSeries,
     left_out: npt.NDArray[np.bool_],

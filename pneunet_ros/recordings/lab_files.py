@@ -14,7 +14,7 @@ from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.paths import sibling_path
 from pneunet_ros.estimation.shape_error import Centerlines, ShapeSeries, Tips
-from pneunet_ros.files.atomic import atomic_output, written_together
+from pneunet_ros.files.atomic import all_or_none, atomic_output
 from pneunet_ros.files.npz import ArchiveError, Declared, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
@@ -74,7 +74,7 @@ def write_lab(
     """
     truth = truth_file(path)
     with (
-        written_together(),
+        all_or_none(),
         atomic_output(truth, overwrite=overwrite, inputs=inputs) as temporary,
         write_recording(path, overwrite=overwrite, inputs=inputs) as writer,
     ):

@@ -20,7 +20,7 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.progress import report_progress, STEP
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.readings import is_estimated
-from pneunet_ros.recordings.bag_folder import stored_files, unread_parts
+from pneunet_ros.recordings.bag_folder import report_unread_parts, stored_files
 from pneunet_ros.recordings.limits import LONGEST_NAME, MOST_WAITING
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
 from pneunet_ros.recordings.message_store import deserialize, store_for
@@ -224,7 +224,7 @@ def open_recording(path: str | Path) -> Recording:
         files.append(file)
         sentences += file.damage
     if not sentences:
-        sentences += unread_parts(path, sum(sum(file.counts.values()) for file in files))
+        sentences += report_unread_parts(path, sum(sum(file.counts.values()) for file in files))
     left_out: list[str] = []
     topics: dict[str, RecordedTopic] = {}
     channels: list[dict[int, str]] = []

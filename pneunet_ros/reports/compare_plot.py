@@ -50,15 +50,15 @@ def draw_comparison(axes: Sequence[Axes], comparison: Comparison) -> None:
         draw_shapes(shapes, comparison.shape, labels_of(comparison, comparison.shape))
         draw_along(along, comparison.shape)
     else:
-        say_empty(shapes)
-        say_empty(along)
+        mark_empty_panel(shapes)
+        mark_empty_panel(along)
     if tip is not None:
         draw_over_time(over_time, tip)
     else:
-        say_empty(over_time)
+        mark_empty_panel(over_time)
 
 
-def say_empty(axes: Axes) -> None:
+def mark_empty_panel(axes: Axes) -> None:
     """State in an empty panel that there is nothing to draw."""
     axes.text(0.5, 0.7, 'nothing to compare', transform=axes.transAxes, ha='center', color=GREY)
 

@@ -143,7 +143,7 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             reason='nothing_usable',
         )
     sentences += _coincident(path, table.lines, found.values[TARGETS.name])
-    sentences += _lost_turns(path, table.lines, found)
+    sentences += _report_lost_turns(path, table.lines, found)
     if pressure is not None and found.absolute and np.isfinite(found.values[PRESSURE.name]).any():
         sentences.append(_absolute(table.written[pressure.name], found))
     return found, tuple(sentences)
@@ -248,7 +248,7 @@ def _coincident(path: Path, lines: Sequence[int], targets: Array) -> list[str]:
     ]
 
 
-def _lost_turns(path: Path, lines: Sequence[int], table: ReadingTable) -> list[str]:
+def _report_lost_turns(path: Path, lines: Sequence[int], table: ReadingTable) -> list[str]:
     """Report headings that lose whole turns in a recording of poses.
 
     `calibrate` restores those that follow from heading to heading, in the order of the pressure.

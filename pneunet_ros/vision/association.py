@@ -26,7 +26,7 @@ from pneunet_ros.vision.beam_search import (
 )
 from pneunet_ros.vision.row_candidates import (
     blob_columns,
-    grown_from_pairs,
+    grow_from_pairs,
     near_line,
     RowCandidates,
 )
@@ -108,7 +108,7 @@ def _grown_from_clamp(
     return chosen, float(cost)
 
 
-def rows_anywhere(
+def find_unplaced_rows(
     points: Array,
     areas: Array,
     arclength: Array,
@@ -129,7 +129,7 @@ def rows_anywhere(
         return []
     candidates = RowCandidates(points, areas, arclength, search, shapes, costs)
     blobs, limits = candidates.blobs, np.full(arclength.size, limit)
-    chosen, costs = grown_from_pairs(blobs, arclength, candidates.ends(limit), search, limits)
+    chosen, costs = grow_from_pairs(blobs, arclength, candidates.ends(limit), search, limits)
     order = np.argsort(costs, kind='stable')
     rows = Readings(len(points))
     for place in order[np.isfinite(costs[order])].tolist():

@@ -198,7 +198,7 @@ def grow_all(
         known[0], rows[0] = starts[number], best[number]
         count, target = 1, int(starts[number, LAST]) + 1
         while target < targets:
-            many = _ways_on(
+            many = _extend_rows(
                 blobs, sides, arclength, known, rows, count, target, whole, open_end,
                 limits[target], dearest, search, ways, ways_cost,
             )  # fmt: skip
@@ -224,7 +224,7 @@ def grow_all(
 
 
 @inner
-def _ways_on(
+def _extend_rows(
     blobs: Array,
     sides: Indices,
     arclength: Array,

@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.vision.association import (
     COMMON_SHARE,
     ENOUGH,
-    rows_anywhere,
+    find_unplaced_rows,
     share_of_blobs,
     TargetRow,
 )
@@ -222,13 +222,15 @@ def row_at_rest(
     points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
     clamp_pixel: (u, v) of the first target, None for the left end; straightness: largest distance
     from the line between the ends, relative to its length; infinite for a bent arm; shapes (blobs,
-    3), as in `Blobs`, None if unknown; costs (blobs,): as in `rows_anywhere`; limits: largest cost
-    of a row in successive searches, which end when the rows found are decisive.
+    3), as in `Blobs`, None if unknown; costs (blobs,): as in `find_unplaced_rows`; limits: largest
+    cost of a row in successive searches, which end when the rows found are decisive.
     """
     count = arclength.size
     found: TargetRow | Failure = no_row(count, len(points))
     for limit in limits:
-        rows = rows_anywhere(points, areas, arclength, vision.beam_search, shapes, costs, limit)
+        rows = find_unplaced_rows(
+            points, areas, arclength, vision.beam_search, shapes, costs, limit
+        )
         most = len(rows) >= ENOUGH
         rows = [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
         if rows and clamp_pixel is not None:

@@ -208,7 +208,7 @@ class RowCandidates:
             for first in self._firsts:
                 ahead = arclength[first:]
                 limits = rate * np.maximum(np.arange(ahead.size) - 1.0, 1.0)
-                rows, costs = grown_from_pairs(
+                rows, costs = grow_from_pairs(
                     self.blobs, ahead, (pairs[0], pairs[1]), self.search, limits, 2 + run
                 )
                 rows, costs = rows[np.isfinite(costs)], costs[np.isfinite(costs)]
@@ -216,7 +216,7 @@ class RowCandidates:
                 yield first, rows, costs - self.search.missing * lost
 
 
-def grown_from_pairs(
+def grow_from_pairs(
     blobs: BlobColumns,
     arclength: Array,
     pairs: Pairs,

@@ -120,14 +120,14 @@ def looks_of_neighbors(
     covers a part of them, are excluded.
     """
     whole = has_whole_edge(table, settings)
-    first = _looks_of(table, places, own, whole, settings)
+    first = _predicted_looks(table, places, own, whole, settings)
     smaller = whole & (share_of_area(table, first) < _least_share(first, settings))
     if not smaller.any():
         return first
-    return _looks_of(table, places, own, whole & ~smaller, settings)
+    return _predicted_looks(table, places, own, whole & ~smaller, settings)
 
 
-def _looks_of(
+def _predicted_looks(
     table: Array, places: Array, own: Array, reliable: Mask, settings: RowLookSettings
 ) -> Array:
     """Return the appearance of targets (targets,) predicted from reliable neighbors."""

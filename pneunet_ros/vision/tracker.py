@@ -52,7 +52,7 @@ from pneunet_ros.vision.rows.row import (
 from pneunet_ros.vision.rows.row_gate import is_at_clamp
 from pneunet_ros.vision.rows.row_motion import at_stamp, start_row
 from pneunet_ros.vision.rows.row_search import is_shifted, search_around, search_row
-from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest, search_what_moved
+from pneunet_ros.vision.rows.row_search_at_rest import search_at_rest, search_moved_areas
 from pneunet_ros.vision.rows.view import NONE_TAKEN, View
 from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
@@ -445,7 +445,7 @@ class Tracker:
             return state, failure
         still = state.still.get(polarity, StillAreas()).with_frame(failure.blobs, wanted)
         state = replace(state, still=MappingProxyType({**state.still, polarity: still}))
-        place = search_what_moved(view, still, wanted)
+        place = search_moved_areas(view, still, wanted)
         if place is None:
             return state, failure
         plane = self._plane_at_rest(place.points)

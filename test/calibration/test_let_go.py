@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.calibration.motion.swinging_run import from_release, SwingingRun
+from pneunet_ros.calibration.motion.swinging_run import crop_to_release, SwingingRun
 from pneunet_ros.core.errors import RequestError
 import pytest
 from support.refusals import refused
@@ -27,7 +27,7 @@ def plucked(away: list[float]) -> SwingingRun:
 
 
 def test_it_begins_behind_the_last_large_swing_though_frames_miss_all_targets():
-    run = from_release(plucked([0.01, 0.01, np.nan, 0.002, 0.001]))
+    run = crop_to_release(plucked([0.01, 0.01, np.nan, 0.002, 0.001]))
     assert run.reading.tolist() == [0, 1, 2]
     assert run.stamp_ns[0] == 20_000_000
 
@@ -35,4 +35,4 @@ def test_it_begins_behind_the_last_large_swing_though_frames_miss_all_targets():
 @pytest.mark.parametrize('away', [[], [0.01], [np.nan, 0.01, np.nan]])
 def test_a_pluck_that_no_two_frames_show_is_refused(away):
     with refused(RequestError, 'too_few_frames'):
-        from_release(plucked(away))
+        crop_to_release(plucked(away))

@@ -11,7 +11,7 @@ from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.decision import effect_probabilities, notes_on_rest, passes_alike
+from pneunet_ros.diagnosis.decision import effect_probabilities, is_equivalent_rival, notes_on_rest
 from pneunet_ros.diagnosis.diagnosis import considered_hypotheses, diagnose, is_settled
 from pneunet_ros.diagnosis.fit import base_fit as base
 from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
@@ -356,11 +356,11 @@ def test_what_is_too_faint_beside_a_strong_effect_is_said_without_a_name():
 
 def test_what_passes_alike():
     best = record(('creep',), 100.0)
-    assert passes_alike(record(('gravity',), 98.0), best)
-    assert not passes_alike(record(('gravity',), 90.0), best)
+    assert is_equivalent_rival(record(('gravity',), 98.0), best)
+    assert not is_equivalent_rival(record(('gravity',), 90.0), best)
     # The same chi squared: the prior alone tells them apart.
-    assert passes_alike(replace(record(('gravity',), 90.0), gain=best.gain - 5.0), best)
-    assert not passes_alike(replace(record(('gravity', 'creep'), 99.0), gain=1e6), best)
+    assert is_equivalent_rival(replace(record(('gravity',), 90.0), gain=best.gain - 5.0), best)
+    assert not is_equivalent_rival(replace(record(('gravity', 'creep'), 99.0), gain=1e6), best)
 
 
 def test_a_fit_that_stopped_before_its_end_has_not_settled(monkeypatch):

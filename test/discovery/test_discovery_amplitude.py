@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.discovery.amplitude import (
     Columns,
-    left_out_gains,
+    cross_validation_gains,
     log_gains,
     PerRunColumns,
     Projection,
@@ -89,7 +89,7 @@ def test_a_left_out_recording_is_predicted_from_the_others_alone():
         for sign, item in ((1.0, white), (-1.0, nothing)):
             whole = log_density(gaussian, item, EVERY, 0.5)
             written_out += sign * (whole - log_density(gaussian, item, others, 0.5))
-    ((gain,),) = left_out_gains(columns.left_out(EVERY), [[0, 1]], [0.5])
+    ((gain,),) = cross_validation_gains(columns.left_out(EVERY), [[0, 1]], [0.5])
     assert gain == pytest.approx(written_out, abs=1e-8)
 
 

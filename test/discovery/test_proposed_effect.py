@@ -24,7 +24,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, PressureScale
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_lag import PressureLag
-from pneunet_ros.effects.user_effects import add_effects, breach
+from pneunet_ros.effects.user_effects import add_effects, contract_violation
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.equilibrium import solve
@@ -67,7 +67,7 @@ def test_each_term_and_all_of_them_together_keep_the_contract_of_effects(kind):
     for terms in (*((term,) for term in all_terms(kind)), all_terms(kind)):
         text = source_of(kind, terms)
         effect = effect_class(text)
-        assert breach(effect) == ''
+        assert contract_violation(effect) == ''
         shapes = [item for item in quantities(effect) if item.metadata['shape']]
         assert len(quantities(effect)) == len(terms) + len(shapes)
         assert all(len(line) <= 99 for line in text.splitlines())

@@ -24,7 +24,7 @@ from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.effects.softening import Softening
-from pneunet_ros.effects.user_effects import breach
+from pneunet_ros.effects.user_effects import contract_violation
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -141,7 +141,7 @@ def test_names_and_units_are_those_of_the_contract(effect):
 
 @every_effect
 def test_an_effect_acts_in_its_place_and_nowhere_else(effect):
-    assert not breach(effect)
+    assert not contract_violation(effect)
     assert effect.__doc__
 
 

@@ -140,8 +140,8 @@ def test_the_safe_set_of_an_arm_under_vacuum_is_its_vacuum():
 def test_a_name_stays_as_often_as_asked(monkeypatch):
     monkeypatch.setattr(exploration, 'named_effects', lambda item: item)
     rounds = [SimpleNamespace(investigation=('creep',)) for _ in range(2)]
-    assert exploration.name_stayed(rounds, 2)
-    assert not exploration.name_stayed(rounds, 3)
+    assert exploration.is_name_confirmed(rounds, 2)
+    assert not exploration.is_name_confirmed(rounds, 3)
 
 
 def test_what_a_rival_explains_as_well_diverges_from_nothing_alone():

@@ -13,12 +13,12 @@ import tempfile
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import (
+    all_or_none,
     atomic_output,
     outputs_written,
     PARTIAL,
     REPLACED,
     SCRATCH,
-    written_together,
 )
 import pytest
 from support.refusals import refused
@@ -327,15 +327,15 @@ def test_outputs_that_belong_together_stand_together_or_not_at_all(tmp_path):
         with atomic_output(tmp_path / name) as temporary:
             temporary.write_text(name)
 
-    with written_together():
+    with all_or_none():
         write('model')
         write('knowledge')
         assert all(name.startswith('.') for name in names(tmp_path))
     assert names(tmp_path) == ['knowledge', 'model']
-    with pytest.raises(ValueError, match='no report'), written_together():
+    with pytest.raises(ValueError, match='no report'), all_or_none():
         write('other')
         raise ValueError('no report')
-    with refused(RecordingError, 'exists'), written_together():
+    with refused(RecordingError, 'exists'), all_or_none():
         write('other')
         write('report')
         (tmp_path / 'report').write_text('theirs')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from pneunet_ros.core.errors import CameraError
-from pneunet_ros.lab.pictures.lens import Camera, looking_down
+from pneunet_ros.lab.pictures.lens import Camera, overhead_camera
 import pytest
 from support.refusals import refused
 
@@ -23,7 +23,7 @@ RATIONAL = (0.6, -0.2, 0.001, -0.0007, 0.03, 0.9, -0.1, 0.02)
     ],
 )
 def test_points_appear_where_opencv_projects_them(model, distortion):
-    camera = looking_down(
+    camera = overhead_camera(
         width=640,
         height=480,
         focal_px=600.0,
@@ -49,15 +49,17 @@ def test_points_appear_where_opencv_projects_them(model, distortion):
     np.testing.assert_allclose(np.stack([u, v], axis=1), expected[:, 0], atol=1e-9)
 
 
-def test_looking_down_has_x_to_the_right_and_y_up_at_the_scale():
-    camera = looking_down(width=640, height=480, focal_px=600.0, scale=0.0003, middle=(0.05, 0.02))
+def test_an_overhead_camera_has_x_to_the_right_and_y_up_at_the_scale():
+    camera = overhead_camera(
+        width=640, height=480, focal_px=600.0, scale=0.0003, middle=(0.05, 0.02)
+    )
     u, v = camera.project(np.array([0.05, 0.08, 0.05]), np.array([0.02, 0.02, 0.05]))
     np.testing.assert_allclose(u - u[0], [0.0, 100.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(v - v[0], [0.0, 0.0, -100.0], atol=1e-9)
 
 
 def test_a_turned_camera_still_looks_at_the_middle():
-    camera = looking_down(
+    camera = overhead_camera(
         width=640,
         height=480,
         focal_px=600.0,
@@ -73,7 +75,7 @@ def test_a_turned_camera_still_looks_at_the_middle():
 
 
 def test_what_is_behind_the_camera_is_not_seen():
-    camera = looking_down(
+    camera = overhead_camera(
         width=640, height=480, focal_px=600.0, scale=0.0003, middle=(0.0, 0.0), tilt=(1.2, 0.0)
     )
     _, v = camera.project(np.zeros(2), np.array([1.0, -1.0]))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.image import ENCODINGS
-from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.lens import overhead_camera
 from pneunet_ros.lab.pictures.renderer import draw_dots, Renderer, Truth
 from pneunet_ros.lab.pictures.scene import (
     Body,
@@ -31,7 +31,7 @@ RADIUS = 4.0 * SCALE
 
 
 def camera(distortion=BARREL, tilt=(0.0, 0.0), roll=0.0):
-    return looking_down(
+    return overhead_camera(
         width=640,
         height=480,
         focal_px=620.0,

@@ -16,8 +16,8 @@ from pneunet_ros.measurement.blocks.motion import Motion as Block
 from pneunet_ros.measurement.moving_arm import (
     advance_between_readings,
     follow_reading,
+    linearized_rates,
     MovingState,
-    rates_about,
 )
 from pneunet_ros.measurement.swinging_arm import ERRORS, Reference
 from pneunet_ros.model.equilibrium import linearize_shape
@@ -44,7 +44,7 @@ def reference_at(solution, unknowns):
     """Return a reference at an equilibrium, from which nothing lags."""
     chain, _ = swinging()
     links, modes = links_at(solution), chain.moving.modes
-    _, onto = rates_about(links, chain.moving.masses, DAMPING_TIME, modes.moment)
+    _, onto = linearized_rates(links, chain.moving.masses, DAMPING_TIME, modes.moment)
     return Reference(
         heading=links.heading,
         projection=onto,
@@ -103,7 +103,7 @@ def test_a_wrong_force_pulls_the_arm_as_the_chain_is_pulled(swing):
     chain, arm = swinging()
     moving, seconds = chain.moving, 0.03
     links = links_at(solve(arm, PRESSURE, FORCE).solution)
-    rates, onto = rates_about(links, moving.masses, DAMPING_TIME, moving.modes.moment)
+    rates, onto = linearized_rates(links, moving.masses, DAMPING_TIME, moving.modes.moment)
     turns = np.cumsum(moving.modes.moment * links.compliance, axis=1)
     far = links._replace(heading=links.heading + np.array([swing, 0.0]) @ turns)
     from scipy.linalg import expm

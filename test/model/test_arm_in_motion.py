@@ -25,7 +25,11 @@ from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import noiseless, Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.measurement.moving_arm import advance_between_readings, MovingState, rates_about
+from pneunet_ros.measurement.moving_arm import (
+    advance_between_readings,
+    linearized_rates,
+    MovingState,
+)
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.gravity import gravity_of
 from pneunet_ros.model.moment_law import LinearLaw
@@ -129,7 +133,7 @@ def test_a_change_at_an_unknown_instant_spreads_as_changes_at_all_instants():
     low, high = (links_at(solve(arm, pressure).solution) for pressure in (20e3, 20.5e3))
     masses, modes = masses_of(arm), vibration(arm, solve(arm, 20e3), 2)
     room, change = room_for(2, low.heading.size), low.heading - high.heading
-    _, projection = rates_about(high, masses, DAMPING_TIME, modes.moment)
+    _, projection = linearized_rates(high, masses, DAMPING_TIME, modes.moment)
     late, states = (np.arange(40) + 0.5) / 40 * seconds, []
     for rest in late:  # since the equilibrium jumped
         swing, still = swing_of(projection @ change), np.zeros(2)

@@ -8,7 +8,7 @@ import shlex
 from pneunet_ros.reports.calibration.verdict import (
     bending_stiffness,
     Files,
-    larger_under_load,
+    loaded_residual_ratio,
     stiffness_text,
     stiffness_with_error,
     verdict_of,
@@ -46,7 +46,7 @@ def test_a_model_better_than_its_noise_says_that_the_noise_is_too_large():
 
 def test_a_load_that_only_its_noise_explains_is_not_sure():
     found = calibration()
-    larger = larger_under_load(found.joint)
+    larger = loaded_residual_ratio(found.joint)
     assert 0.5 < larger < REPORT_SETTINGS.hidden_under_load
     more = 1.1 * REPORT_SETTINGS.hidden_under_load / larger - 1.0
     runs = [

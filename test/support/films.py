@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.share import share_path
-from pneunet_ros.lab.pictures.lens import Camera, looking_down
+from pneunet_ros.lab.pictures.lens import Camera, overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 from pneunet_ros.messages.builders import IMAGE_TYPE
@@ -31,7 +31,7 @@ ARM = load_model(share_path('config/paper_arm.yaml'))
 WIDTH, HEIGHT = 640, 480
 RATE = 25.0  # Hz
 PERIOD_NS = 40_000_000
-CAMERA = looking_down(
+CAMERA = overhead_camera(
     width=WIDTH, height=HEIGHT, focal_px=600.0, scale=0.00026, middle=(0.055, 0.03)
 )
 REST = 5  # frames at the beginning in which the arm is straight

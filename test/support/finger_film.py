@@ -12,12 +12,14 @@ import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.lab.lab_recording import LabRecording
-from pneunet_ros.lab.pictures.lens import Camera, looking_down
+from pneunet_ros.lab.pictures.lens import Camera, overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Body, Dots, FrameState, Scene
 
 RADIUS = 0.0015  # m, of a dot
-CAMERA = looking_down(width=640, height=480, focal_px=600.0, scale=0.00026, middle=(0.055, 0.03))
+CAMERA = overhead_camera(
+    width=640, height=480, focal_px=600.0, scale=0.00026, middle=(0.055, 0.03)
+)
 BODY_EVERY = 4  # stations of the outline
 PSI = 6894.757  # Pa
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.image import Image
-from pneunet_ros.lab.pictures.lens import Camera, looking_down
+from pneunet_ros.lab.pictures.lens import Camera, overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer, Truth
 from pneunet_ros.lab.pictures.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
 from pneunet_ros.model.arm import Arm
@@ -37,7 +37,7 @@ def plain_camera(width: int = 640, height: int = 480, **changes) -> Camera:
     """Return a camera that has all of the arm's motion in view, however many pixels it has."""
     view = {'focal_px': 1.1 * width, 'scale': 0.178 / width, 'middle': (0.05, 0.02)}
     view |= {'distortion': (-0.25, 0.06, 0.0005, -0.0003), **changes}
-    return looking_down(width=width, height=height, **view)
+    return overhead_camera(width=width, height=height, **view)
 
 
 class View:

@@ -8,14 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.core.image import Image
-from pneunet_ros.lab.pictures.lens import looking_down
+from pneunet_ros.lab.pictures.lens import overhead_camera
 from pneunet_ros.lab.pictures.renderer import Renderer
 from pneunet_ros.lab.pictures.scene import Dots, FrameState, Scene
 
 from support.films import ARM, Picture, stamp_of
 
 WIDTH, HEIGHT = 1024, 768
-CAMERA = looking_down(width=WIDTH, height=HEIGHT, focal_px=900.0, scale=0.0002, middle=(0.06, 0.0))
+CAMERA = overhead_camera(
+    width=WIDTH, height=HEIGHT, focal_px=900.0, scale=0.0002, middle=(0.06, 0.0)
+)
 REST, FRAMES = 6, 19
 RADIUS = 0.0011  # m, of a dot
 COVERED = 0.004  # m: the first arm hides dots of others so near to its centerline

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.vision.association import (
+    find_unplaced_rows,
     least_seen,
     row_from_clamp,
-    rows_anywhere,
     share_of_blobs,
 )
 from pneunet_ros.vision.beam_search import BEAM_SEARCH
@@ -54,10 +54,10 @@ def test_a_row_that_goes_on_is_no_row_however_well_it_fits(end, off):
     row += np.random.default_rng(2).normal(0.0, 1e-4 * SPACING, row.shape)
     row[end, 1] += off * SPACING
     areas = np.full(len(row), 80.0)
-    assert rows_anywhere(row, areas, ARCLENGTH) == []
+    assert find_unplaced_rows(row, areas, ARCLENGTH) == []
     assert row_from_clamp(row - row[0] + [ARCLENGTH[0], 0.0], areas, ARCLENGTH, 0.0).seen == 0
     left = np.delete(row, end, axis=0)
-    assert len(rows_anywhere(left, areas[1:], ARCLENGTH)) == 2  # from either end
+    assert len(find_unplaced_rows(left, areas[1:], ARCLENGTH)) == 2  # from either end
 
 
 def test_rows_among_many_others_with_gaps_have_no_swaps():
@@ -105,13 +105,15 @@ def test_spots_without_a_row_are_no_row(count):
             *np.ascontiguousarray(found.T), ARCLENGTH, FARTHEST, GATING.longest
         )
         assert np.count_nonzero(seen) < least_seen(TARGETS.size)
-        assert all(row.seen <= TARGETS.size for row in rows_anywhere(points, areas, ARCLENGTH))
+        assert all(
+            row.seen <= TARGETS.size for row in find_unplaced_rows(points, areas, ARCLENGTH)
+        )
 
 
 def test_nothing_bright_is_no_row():
     row = row_from_clamp(np.zeros((0, 2)), np.zeros(0), ARCLENGTH, 0.0)
     assert row.seen == 0
-    assert rows_anywhere(np.zeros((0, 2)), np.zeros(0), ARCLENGTH) == []
+    assert find_unplaced_rows(np.zeros((0, 2)), np.zeros(0), ARCLENGTH) == []
 
 
 def test_a_straight_row_is_found_wherever_it_is_from_both_ends():
@@ -128,7 +130,7 @@ def test_a_straight_row_is_found_wherever_it_is_from_both_ends():
             ]
         )
         mixture = Mixture(rng, row, TARGETS >= 0, away_from(row, others, 20.0), noise=0.1)
-        rows = rows_anywhere(mixture.points, mixture.areas, ARCLENGTH)
+        rows = find_unplaced_rows(mixture.points, mixture.areas, ARCLENGTH)
         found = {tuple(mixture.named(row.chosen).tolist()) for row in rows}
         assert tuple(TARGETS.tolist()) in found
         assert tuple(TARGETS[::-1].tolist()) in found
@@ -171,8 +173,10 @@ def test_a_row_that_begins_or_ends_with_odd_dots_is_near_itself(even):
     for odd in (TARGETS < 4, TARGETS > 18, abs(TARGETS - 11) < 3):
         areas = np.where(odd, 80.0 * np.exp(rng.uniform(-1.0, 1.0, TARGETS.size)), 80.0)
         candidates = RowCandidates(row, areas, arclength, BEAM_SEARCH, shapes)
-        (best, *_) = rows_anywhere(row, areas, arclength, shapes=shapes)
-        (there, *_) = rows_anywhere(row, areas, arclength, shapes=shapes, limit=2.0 * best.cost)
+        (best, *_) = find_unplaced_rows(row, areas, arclength, shapes=shapes)
+        (there, *_) = find_unplaced_rows(
+            row, areas, arclength, shapes=shapes, limit=2.0 * best.cost
+        )
         assert there.cost == best.cost and share_of_blobs(there, best) == 1.0
         assert len(candidates.near(row, 2.0 * best.cost)) == TARGETS.size
 
@@ -190,13 +194,13 @@ def test_a_crowd_has_parts_of_rows_by_chance_and_a_single_row_has_not():
 
 def test_a_longer_row_of_equal_dots_is_not_the_arm():
     points = np.column_stack([10.0 * np.arange(30), np.full(30, 5.0)])
-    assert rows_anywhere(points, np.full(30, 80.0), ARCLENGTH) == []
+    assert find_unplaced_rows(points, np.full(30, 80.0), ARCLENGTH) == []
 
 
 def test_two_rows_alike_are_both_given():
     one = 3000.0 * arc(0.0, 0.0)
     points = np.vstack([one, one + np.array([0.0, 100.0])])
-    rows = rows_anywhere(points, np.full(len(points), 80.0), ARCLENGTH)
+    rows = find_unplaced_rows(points, np.full(len(points), 80.0), ARCLENGTH)
     assert len(rows) == 4
     assert {share_of_blobs(rows[0], row) for row in rows} == {0.0, 1.0}
 

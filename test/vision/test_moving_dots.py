@@ -14,10 +14,10 @@ from pneunet_ros.vision.dots.moving_dots import (
     fit_moving_dot,
     is_dot,
     Known,
-    known_by,
     moves_far,
     MOVING_DOTS,
     prior_alone,
+    prior_from_neighbors,
 )
 import pytest
 
@@ -99,7 +99,7 @@ def test_a_dot_tells_its_size_where_nothing_else_does():
     dot = fit_moving_dot(picture((0.0, 12.0)), start, ALONG, math.inf, nothing)
     assert dot.size == pytest.approx(1.0 / 0.94, abs=0.02)
     assert dot.way == pytest.approx([0.0, 12.0], abs=0.5)
-    alike = known_by([dot, dot, dot])
+    alike = prior_from_neighbors([dot, dot, dot])
     assert (alike.size, alike.contrast) == (dot.size, dot.contrast)
     assert alike.longer == pytest.approx(1.0 / 0.85, abs=0.05)
     assert alike.size_std == MOVING_DOTS.least_size_std

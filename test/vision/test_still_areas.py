@@ -10,7 +10,7 @@ from pneunet_ros.vision.camera.working_plane import Plane
 from pneunet_ros.vision.dots.blobs import Blobs
 from pneunet_ros.vision.dots.centroid import AREA, BLUR, COLUMNS, MAJOR, MINOR, STD
 from pneunet_ros.vision.rest_plane import row_at_rest
-from pneunet_ros.vision.rows.row_search_at_rest import search_what_moved
+from pneunet_ros.vision.rows.row_search_at_rest import search_moved_areas
 from pneunet_ros.vision.rows.view import View
 from pneunet_ros.vision.settings import VISION
 from pneunet_ros.vision.still_areas import is_moved, StillAreas
@@ -83,7 +83,7 @@ def test_what_moves_on_is_forgotten_and_what_rested_is_not():
 
 def test_the_row_that_moved_is_found_among_many():
     view, still = look(), seen_over(2 * WANTED, moving=True)
-    place = search_what_moved(view, still, WANTED)
+    place = search_moved_areas(view, still, WANTED)
     assert place is not None
     assert place.frames >= WANTED
     pixels, seen = FOCAL * place.points + MIDDLE, place.seen > 0
@@ -98,9 +98,9 @@ def test_the_row_that_moved_is_found_among_many():
 
 
 def test_nothing_is_decided_while_nothing_moves():
-    assert search_what_moved(look(), seen_over(3 * WANTED, moving=False), WANTED) is None
+    assert search_moved_areas(look(), seen_over(3 * WANTED, moving=False), WANTED) is None
     flickering = seen_over(6 * WANTED, moving=False, missed=0.3)
-    assert search_what_moved(look(), flickering, WANTED) is None
+    assert search_moved_areas(look(), flickering, WANTED) is None
 
 
 def test_a_row_has_moved_where_nearly_all_of_it_has_gone():

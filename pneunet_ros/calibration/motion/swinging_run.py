@@ -138,7 +138,7 @@ def swinging_run(arm: Arm, run: RecordingData) -> SwingingRun:
         theta_and_curvature=model.fields[:, [THETA, CURVATURE]],
         plucked=is_plucked,
     )
-    return from_release(swinging) if is_plucked else swinging
+    return crop_to_release(swinging) if is_plucked else swinging
 
 
 def has_constant_inputs(run: RecordingData, loads: Array, arm: Arm) -> bool:
@@ -152,7 +152,7 @@ def has_constant_inputs(run: RecordingData, loads: Array, arm: Arm) -> bool:
     return all(float(np.max(np.ptp(values, axis=0))) <= reach * std for values, std in known)
 
 
-def from_release(run: SwingingRun) -> SwingingRun:
+def crop_to_release(run: SwingingRun) -> SwingingRun:
     """Return a recording from the last frame of a large swing on.
 
     Raises RequestError if fewer than two frames show targets, or fewer than two after the release.

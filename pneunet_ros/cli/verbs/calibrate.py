@@ -14,7 +14,7 @@ from pneunet_ros.cli.experiments import add_experiments, as_measured, read_exper
 from pneunet_ros.cli.provenance import provenance_of
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.files.atomic import written_together
+from pneunet_ros.files.atomic import all_or_none
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.moment_law import LinearLaw, MOMENT_LAWS, PiecewiseLinearLaw
 
@@ -104,7 +104,7 @@ def run(arguments: Namespace) -> int:
     check_recordings((*arguments.unloaded, *arguments.loaded, *arguments.motion))
     given = inputs_of((('unloaded', arguments.unloaded), ('loaded', arguments.loaded)))
     check_distinct([*known, *given])
-    with written_together(), verb.progress_bar(shown=not arguments.json) as bar:
+    with all_or_none(), verb.progress_bar(shown=not arguments.json) as bar:
         read = read_experiments(
             (arguments.unloaded, arguments.loaded, arguments.motion), frame, arguments, bar
         )

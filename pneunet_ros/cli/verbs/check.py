@@ -51,10 +51,10 @@ def run(arguments: Namespace) -> int:
 def show(recordings: list[dict[str, Any]], console: Console) -> None:
     """Print the findings on recordings."""
     for found in recordings:
-        show_one(found, console)
+        print_recording_findings(found, console)
 
 
-def show_one(found: dict[str, Any], console: Console) -> None:
+def print_recording_findings(found: dict[str, Any], console: Console) -> None:
     """Print the findings on one recording."""
     rows = []
     for topic in found['topics']:

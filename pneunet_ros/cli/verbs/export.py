@@ -103,7 +103,7 @@ def run(arguments: Namespace) -> int:
     }
     text = f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}'
     scales = [verb.scales_sentence(arm)] if arguments.dimensionless else []
-    verb.present_written(arguments, summary, text, scales)
+    verb.print_outputs(arguments, summary, text, scales)
     return verb.DONE
 
 

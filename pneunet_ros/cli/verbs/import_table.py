@@ -72,5 +72,5 @@ def run(arguments: Namespace) -> int:
     }
     counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
     text = f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}'
-    verb.present_written(arguments, summary, text)
+    verb.print_outputs(arguments, summary, text)
     return verb.NEGATIVE if objections else verb.DONE

@@ -15,7 +15,7 @@ from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.files.atomic import atomic_output, written_together
+from pneunet_ros.files.atomic import all_or_none, atomic_output
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.model.starting_arm import even_places, starting_arm
 
@@ -86,7 +86,7 @@ def run(arguments: Namespace) -> int:
     name = arguments.output.stem
     arm = starting_arm(name, sizes['length'], sizes['weight'], places, sizes['pressure'])
     template = None if arguments.no_template else arguments.output.with_suffix('.pdf')
-    with written_together():
+    with all_or_none():
         save_model(arm, arguments.output, overwrite=arguments.overwrite)
         if template is not None:
             with atomic_output(template, overwrite=arguments.overwrite) as temporary:

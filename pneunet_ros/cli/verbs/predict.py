@@ -244,7 +244,7 @@ def estimate_uncertainty(
 ) -> ShapeEstimate | None:
     """Return the answer of the estimator, with Jacobian and covariance."""
     state = EstimatorState(solution=shape.solution)
-    along, across, moment = wrench_read(estimator, shape, pressure)
+    along, across, moment = measured_wrench(estimator, shape, pressure)
     force = WrenchReading(
         stamp_ns=1, force_x=along, force_y=across, moment=moment, frame_id=BASE_FRAME
     )
@@ -253,7 +253,7 @@ def estimate_uncertainty(
     return outcome if isinstance(outcome, ShapeEstimate) else None
 
 
-def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
+def measured_wrench(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
     """Return F1, F2 and M as sensors read them under the true load; all sensing is affine."""
     offset = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
     units = np.eye(3).tolist()

@@ -80,7 +80,7 @@ class Camera:
         )
 
 
-def looking_down(
+def overhead_camera(
     *,
     width: int,
     height: int,

@@ -16,7 +16,7 @@ from pneunet_ros.recordings.file_kinds import COMPRESSED, FOLDER_RATE, PICTURES
 from pneunet_ros.recordings.images.image_stream import (
     CAMERA_FRAME,
     checked_rate,
-    counted_clock,
+    describe_frame_clock,
     IMAGE_TOPIC,
     ImageStream,
     LENS_FILES,
@@ -69,7 +69,7 @@ def folder_images(
             stamp_ns = stamp_at(index, used)
             yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns, colored), b'')
 
-    clock = counted_clock(used)
+    clock = describe_frame_clock(used)
     stream = stream_of_file('folder of images', folder, items, camera_info, len(files), clock)
     return replace(stream, turned=_is_turned(files[0]))
 

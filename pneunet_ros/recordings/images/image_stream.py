@@ -100,7 +100,7 @@ def checked_rate(rate: float | None) -> float | None:
     return rate
 
 
-def counted_clock(rate: float) -> str:
+def describe_frame_clock(rate: float) -> str:
     """Describe stamps that count the frames at a rate (Hz)."""
     return f'frames counted, {rate:g} per second'
 

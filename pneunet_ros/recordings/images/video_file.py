@@ -17,7 +17,7 @@ from pneunet_ros.core.image import pixel_image
 from pneunet_ros.recordings.images.image_stream import (
     CAMERA_FRAME,
     checked_rate,
-    counted_clock,
+    describe_frame_clock,
     IMAGE_TOPIC,
     ImageStream,
     RATES,
@@ -87,16 +87,16 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             yield StreamItem(stamp_ns, IMAGE_TOPIC, image, b'')
             index += 1
         video.release()
-        if why := _breaks_off(path, index, 1 + since * file_rate / 1e3, frames):
+        if why := _describe_truncation(path, index, 1 + since * file_rate / 1e3, frames):
             error = MessageError(f'{path} ends too early: {why}', reason='cut_off')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
-    clock = 'presentation times in the file' if timed else counted_clock(used)
+    clock = 'presentation times in the file' if timed else describe_frame_clock(used)
     stream = stream_of_file('video', path, items, camera_info, frames, clock)
     return replace(stream, turned=turned)
 
 
-def _breaks_off(path: Path, read: int, last: float, frames: int) -> str:
+def _describe_truncation(path: Path, read: int, last: float, frames: int) -> str:
     """Describe the truncation of a video; '' if it is complete.
 
     read: number of readable frames; last: position of the last one, counted at the rate of the

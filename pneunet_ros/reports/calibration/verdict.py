@@ -104,7 +104,7 @@ def fit_sentence(calibration: Calibration) -> Note:
             reason='uneven_stiffness',
         )
     if times <= REPORT_SETTINGS.as_noise:
-        larger = larger_under_load(fit)
+        larger = loaded_residual_ratio(fit)
         if larger <= REPORT_SETTINGS.hidden_under_load and times < BELOW_NOISE:
             return Note(
                 f'The model fits: {size}, better than the assumed noise ({times:.2g} times it). '
@@ -153,7 +153,7 @@ def varies(calibration: Calibration) -> bool:
     return calibration.variation is not None and calibration.variation.matters
 
 
-def larger_under_load(fit: Fit) -> float:
+def loaded_residual_ratio(fit: Fit) -> float:
     """Return the residual rms of loaded over that of unloaded recordings; 0 if unknown."""
     squares: dict[bool, list[float]] = {True: [], False: []}
     for item in fit.runs:

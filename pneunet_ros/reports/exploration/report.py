@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.exploration.choice import allowed_experiments
-from pneunet_ros.exploration.exploration import is_clear, name_stayed, Round
+from pneunet_ros.exploration.exploration import is_clear, is_name_confirmed, Round
 from pneunet_ros.exploration.rivals import named_effects, NOTHING
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import plain
@@ -45,7 +45,7 @@ def last_sentence(rounds: Sequence[Round]) -> str:
         )
     if not named_effects(rounds[-1].investigation):
         return sentence
-    if name_stayed(rounds):
+    if is_name_confirmed(rounds):
         return (
             f'{sentence} Recording {len(rounds)}, which was not used to find the answer, '
             'confirmed it.'

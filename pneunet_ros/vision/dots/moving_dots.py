@@ -337,7 +337,9 @@ def _covariance(by_pixel: Array, inside: Mask, together: int) -> Array:
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def known_by(dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS) -> Known:
+def prior_from_neighbors(
+    dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS
+) -> Known:
     """Return the prior of a dot from its neighbors."""
     contrast = float(np.median([dot.contrast for dot in dots]))
     sizes = np.array([dot.size for dot in dots])

@@ -24,10 +24,10 @@ from pneunet_ros.vision.dots.moving_dots import (
     end_of_arm,
     fit_moving_dot,
     is_dot,
-    known_by,
     moves_far,
     MovingDot,
     prior_alone,
+    prior_from_neighbors,
 )
 from pneunet_ros.vision.gating import Mask
 from pneunet_ros.vision.row_look import (
@@ -75,7 +75,7 @@ def with_partial(
     found = np.full_like(row.table, np.nan)
     swept = expected
     if last is not None and partial.any():
-        swept = _with_ways(view, row, expected, last)
+        swept = _with_exposure_motion(view, row, expected, last)
     moving = partial & moves_far(swept)
     if moving.any():
         found[moving] = _moving_at(view, row, moving, swept, starts, last)[moving]
@@ -127,7 +127,9 @@ def _parts_at(
     return found
 
 
-def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) -> Array:
+def _with_exposure_motion(
+    view: View, row: ObservedRow, expected: Array, last: TrackedRow
+) -> Array:
     """Return outlines (targets, FITTED) that move with the row during the exposure.
 
     The smear predicted from neighbors is too short if most of them are not seen whole; the longer
@@ -187,7 +189,7 @@ def _moving_at(
         dots = [dot for it in nearest if (dot := fitted[it]) is not None]
         if len(dots) < settings.fewest:
             continue
-        known = known_by(dots, settings)
+        known = prior_from_neighbors(dots, settings)
         for places in starts:
             outline = expected[target].copy()
             outline[[CENTER_U, CENTER_V]] = places[target]

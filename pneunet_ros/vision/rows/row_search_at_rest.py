@@ -44,7 +44,7 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     if len(areas.centers) == 0:
         return NO_AREAS
     if view.limits:
-        first = _search_what_stands_out(view, areas)
+        first = _search_salient_areas(view, areas)
         if view.shallow or not (isinstance(first, Failure) or np.isnan(first).any()):
             return first
     blobs = _free_blobs(view, areas)
@@ -70,7 +70,7 @@ def _free_blobs(view: View, areas: RoundAreas) -> Blobs:
     return Blobs(freeze(blobs.table[:, ~view.is_taken(blobs.table.T)]))
 
 
-def _search_what_stands_out(view: View, areas: RoundAreas) -> Array | Failure:
+def _search_salient_areas(view: View, areas: RoundAreas) -> Array | Failure:
     """Find the targets of the arm at rest among salient areas, as in `search_at_rest`.
 
     Only areas that are on a row, according to their moments, are measured, with all areas near
@@ -245,7 +245,7 @@ def _begins_at_clamp_pixel(view: View, row: ObservedRow) -> bool:
     return math.hypot(*(row.table[0, :2] - view.settings.clamp_pixel)) < 0.5 * spacing
 
 
-def search_what_moved(view: View, still: StillAreas, wanted: int) -> RestAverage | None:
+def search_moved_areas(view: View, still: StillAreas, wanted: int) -> RestAverage | None:
     """Find the rest position of the arm among areas that stood still until the arm moved.
 
     wanted: number of frames for which an area must have existed, and must have been absent since.
