@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from blind.hidden import HIDEABLE
 from explore_trials import hidden_arm, verdict
-from odd_arms import fleet, MOVED, tried
+from outlier_arms import fleet, MOVED, tried
 import pytest
 
 

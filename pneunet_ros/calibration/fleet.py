@@ -24,8 +24,8 @@ STATIONS = 101  # places along the arm for means over it
 ROUNDS = 20  # fixed-point iterations of the most probable center and scatter
 TURNS = 6  # fixed-point iterations of center and scatter by medians
 HALVINGS = 40
-# False alarm per simulated fleet of equal arms (per real one: acceptance/odd_arms.py), and the one
-# below which an arm is excluded from the center; convention.
+# False alarm per simulated fleet of equal arms (per real one: acceptance/outlier_arms.py), and the
+# one below which an arm is excluded from the center; convention.
 LEVEL = 0.01
 # Invented: no figure of acceptance/sweep.py contains a fleet.
 DRAWS = 400  # simulated fleets for the threshold

@@ -1,6 +1,6 @@
 """False alarms and detection rate of outliers by `pneunet survey`, in simulated fleets.
 
-    python acceptance/odd_arms.py [--fleets N] [--arms N ...] [--json]
+    python acceptance/outlier_arms.py [--fleets N] [--arms N ...] [--json]
 
 Fleets are drawn: four numbers that go together (correlation 0.9), scatter 1, error bars of a
 tenth, once and three times the scatter in turn, every other fleet with two numbers missing in a
@@ -74,7 +74,7 @@ def main() -> None:
     shown = track(todo, 'drawing', console=Console(stderr=True), transient=True)
     rows = [tried(arms, move, arguments.fleets) for arms, move in shown]
     if arguments.json:
-        print(json.dumps({'bench': 'odd_arms', 'rows': rows}))
+        print(json.dumps({'bench': 'outlier_arms', 'rows': rows}))
         return
     table = Table()
     for head in ('arms', 'moved by', 'fleets', 'moved arm is odd', 'another is odd'):
