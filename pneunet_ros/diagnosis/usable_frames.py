@@ -14,8 +14,8 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.checks.frames_in_motion import (
-    frames_kept,
     FramesInMotion,
+    select_frames,
     without_motion,
 )
 from pneunet_ros.calibration.noise_estimate import with_noise_of_readings
@@ -108,7 +108,7 @@ def exclude_unknown_readings(
 ) -> tuple[list[list[RecordingData]], tuple[Note, ...]]:
     """Exclude the frames with unknown pressure or load; return the recordings and a note.
 
-    As in `frames_kept`, a loaded recording that loses its load is excluded as well. Raises
+    As in `select_frames`, a loaded recording that loses its load is excluded as well. Raises
     RecordingError if the first group loses all its recordings, or all unloaded or all loaded ones.
     """
     runs = list(itertools.chain(*groups))
@@ -117,7 +117,7 @@ def exclude_unknown_readings(
     left = sum(int((~flags).sum()) for flags in every)
     if not left:
         return [[*group] for group in groups], ()
-    kept, lost = frames_kept(groups, every, noise)
+    kept, lost = select_frames(groups, every, noise)
     note = Note(
         f'{left} of {sum(flags.size for flags in every)} frames were excluded because their '
         'pressure or load is not known: it changed between two readings, or its readings had '

@@ -139,7 +139,7 @@ class EstimatorSettings:
 
     @property
     def judged_pressure(self) -> PressureConvention | None:
-        """Declared meaning of the pressure readings if it is to be judged; None: it is right."""
+        """Declared meaning of the pressure readings, to be checked; None: assumed to be right."""
         return self.pressure if self.judge_readings else None
 
 

@@ -236,29 +236,29 @@ def without_motion(
     found = frames_in_motion(runs, arm)
     if found is None:
         return [[*group] for group in groups], None
-    kept, lost = frames_kept(groups, [~flags for flags in found.moving], arm.sensors)
+    kept, lost = select_frames(groups, [~flags for flags in found.moving], arm.sensors)
     rests = zip(runs, found.moving, strict=True)
     idle = sum(int(np.count_nonzero(~flags)) for run, flags in rests if run.name in lost)
     return kept, replace(found, lost=lost, idle=idle)
 
 
-def frames_kept(
+def select_frames(
     groups: Sequence[Sequence[RecordingData]], kept: Sequence[Flags], noise: SensorNoise
 ) -> tuple[list[list[RecordingData]], tuple[str, ...]]:
-    """Return recordings with these frames alone, and the names of those left out.
+    """Return the recordings with the selected frames, and the names of excluded recordings.
 
-    A recording is left out if none of its frames is kept, or none with its load. The arm remembers
-    the pressures of what is left out: these go to the next recording.
+    A recording without any selected frame, or without one under its load, is excluded. The arm
+    remembers the excluded pressures, so they are prepended to the next recording.
     """
     runs = list(itertools.chain(*groups))
-    found = [part_kept(run, flags, noise) for run, flags in zip(runs, kept, strict=True)]
+    found = [select_part(run, flags, noise) for run, flags in zip(runs, kept, strict=True)]
     lost = tuple(run.name for run, part in zip(runs, found, strict=True) if part is None)
     parts = iter(prepend_earlier_pressures(runs, found))
     return [[part for _ in group if (part := next(parts)) is not None] for group in groups], lost
 
 
-def part_kept(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
-    """Return these frames of a run; None if none is left, or none with its load."""
+def select_part(run: RecordingData, flags: Flags, noise: SensorNoise) -> RecordingData | None:
+    """Return the selected frames of a run; None if none, or none under its load, remains."""
     if not flags.any():
         return None
     part = run.subset(np.flatnonzero(flags))
