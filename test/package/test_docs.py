@@ -10,6 +10,8 @@ import shlex
 
 from pneunet_ros.cli.main import parser, VERBS
 from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.fusion.causes import CAUSES
 import pytest
 from support.manuals import table
 from support.page_commands import blocks_of, DOCS, PAGES
@@ -48,6 +50,20 @@ def test_the_page_of_tables_has_all_units():
     for kind, units in SI_PER_UNIT.items():
         if kind != 'pressure':  # its units are those of the sensor, above
             assert set(units) in lists, kind
+
+
+def named_in(page, heading):
+    """Names in backticks in the first column of the first table below a heading of a page."""
+    text = (ROOT / page).read_text(encoding='utf-8').partition(f' {heading}\n')[2]
+    (below, *_) = re.findall(r'\n\n(\|.*?)\n\n', text, re.DOTALL)
+    return [
+        name for row in below.splitlines() for name in re.findall(r'`(\w+)`', row.split('|')[1])
+    ]
+
+
+def test_every_effect_and_every_cause_of_the_fusion_has_a_row():
+    assert named_in('docs/model.md', 'Effects') == list(EFFECTS)
+    assert sorted(named_in('docs/fusion.md', 'Causes')) == sorted(item.name for item in CAUSES)
 
 
 def commands(page):
