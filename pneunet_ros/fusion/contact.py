@@ -11,18 +11,22 @@ Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import Belief, CONTACT
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import evidence_cost, excess, Fit, leave_out, left_out_cost
+from pneunet_ros.fusion.swinging import with_blow
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.predicted_targets import measured_moves
+from pneunet_ros.measurement.swinging_arm import Blow, ERRORS, PLACES
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
+from pneunet_ros.solver.solution import SolverNodes
 
 CONTACT_STARTS = 3  # number of best places from which a contact is searched for
 CONTACT_APART = 0.05  # lengths between two contacts; idle in acceptance/sweep.py
@@ -72,96 +76,115 @@ def differs_from_zero(fit: Fit, limit: float) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PushScores:
-    """The gain of a push on each panel of the rod, linearized around a fit without one.
+class ContactMotion:
+    """How a contact that has begun since the last frame moves a swinging arm, panel by panel.
 
-    place (panels,) m; force (panels,) N, the most likely one at each; gain (panels,) chi squared;
-    pushes, weighed (coordinates, panels): whitened displacement by a push, and the inverse
-    covariance times that; information (panels,) of the force; freedom (N, m): one sigma of the
-    prior force, and the length of the arm.
+    pull (panels, 4): changes of modal coordinates and momenta by 1 N since the last frame; blow:
+    one sigma of the blow with which the contact may have begun, None if unknown.
+    """
+
+    pull: Array
+    blow: Blow | None
+
+    def with_prior(self, problem: FrameProblem, panel: int) -> FrameProblem:
+        """Return the problem of a contact on a panel, with the motion by it.
+
+        Its force is the last unknown but one of the prior's root.
+        """
+        prior, arm = problem.prior, problem.swinging
+        assert arm is not None and prior.reference is not None
+        force = prior.root.shape[1] - 2
+        root = prior.root.copy()
+        root[arm.part(Motion.SWING), force] += (
+            self.pull[panel] * root[problem.unknowns.at(Push).start, force]
+        )
+        prior = replace(prior, root=freeze(root))
+        if self.blow is not None:
+            prior = with_blow(arm, prior, self.blow, panel)
+        return replace(problem, prior=prior)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PushScores:
+    """The gain of a contact on each panel of the rod, linearized around a fit without one.
+
+    place (panels,) m; amounts (panels, k): the most likely force there, and blow with which the
+    contact began, in units of one sigma; gain (panels,) chi squared; responses, weighed
+    (coordinates, panels, k): whitened displacement by each, and the inverse covariance times that;
+    information (panels, k, k) of the amounts; scale (N): one sigma of the force; length (m) of
+    the arm; motion: None if it does not swing.
     """
 
     place: Array
-    force: Array
+    amounts: Array
     gain: Array
-    pushes: Array
+    responses: Array
     weighed: Array
     information: Array
-    freedom: tuple[float, float]
+    scale: float
+    length: float
+    motion: ContactMotion | None
 
     def evidence(self) -> Array:
-        """Return the gain (panels,) minus the Occam factor of an unknown force and place.
+        """Return the gain (panels,) minus the Occam factor of an unknown contact and place.
 
         It uses the Laplace approximation.
         """
-        std, length = self.freedom
-        anywhere = 12.0 / length**2  # 1 / variance of an unknown place
+        anywhere = 12.0 / self.length**2  # 1 / variance of an unknown place
         slide, weighed_slide = (
-            self.force * np.gradient(side, self.place, axis=1)
-            for side in (self.pushes, self.weighed)
+            np.einsum('cpk,pk->cp', np.gradient(side, self.place, axis=1), self.amounts)
+            for side in (self.responses, self.weighed)
         )
-        cross = np.sum(slide * self.weighed, axis=0)
-        along = np.sum(slide * weighed_slide, axis=0) + anywhere
-        volume = self.information * along - cross**2
-        return np.asarray(self.gain - np.log(volume * std**2 / anywhere))
+        size = self.amounts.shape[1]
+        volume = np.empty((len(self.place), size + 1, size + 1))
+        volume[:, :size, :size] = self.information
+        cross = np.einsum('cp,cpk->pk', slide, self.weighed)
+        volume[:, :size, size] = volume[:, size, :size] = cross
+        volume[:, size, size] = np.sum(slide * weighed_slide, axis=0) + anywhere
+        return np.asarray(self.gain - np.linalg.slogdet(volume)[1] + math.log(anywhere))
 
     def step(self, fit: FrameLinearization, panel: int) -> Array:
-        """Return the response of the other unknowns (n,) in xi to a push on a panel."""
-        remaining = fit.weighed - self.weighed[:, panel] * self.force[panel]
+        """Return the response of the other unknowns (n,) in xi to a contact on a panel."""
+        remaining = fit.weighed - self.weighed[:, panel] @ self.amounts[panel]
         return np.asarray(remaining @ fit.jacobian - fit.trial.xi)
 
 
 def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
-    """Score a push on each panel; all other unknowns are projected out with their covariance."""
-    bent, arm = fit.trial.bent, problem.table.arm
+    """Score a contact on each panel, with the covariance of all other unknowns."""
+    bent = fit.trial.bent
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
-    displacement = measured_moves(arm, sensitivity)
-    problem.add_swing(fit.trial, sensitivity, displacement)
-    displacement, pulled = displacement[LOADS:], pulled_at(problem, fit, place)
-    if pulled is not None and fit.trial.swing_deviation is not None:
-        displacement = displacement + np.tensordot(
-            pulled[: Motion.SHAPES].T, fit.trial.swing_deviation.by_shape, axes=1
-        )
-    pushes = problem.whiten(problem.along_arm(fit.trial, displacement)).T
-    weighed, std = fit.solve(pushes), problem.unknowns.block(Push).scale
-    information = np.sum(pushes * weighed, axis=0) + std**-2
-    score = fit.innovation @ weighed
-    force = score / information
+    displacement = measured_moves(problem.table.arm, sensitivity)
+    turning = problem.add_swing(fit.trial, sensitivity, displacement)
+    scale, motion = problem.unknowns.block(Push).scale, None
+    moves = [scale * displacement[LOADS:]]
+    swing, reference, arm = fit.trial.swing_deviation, problem.prior.reference, problem.swinging
+    if arm is not None and reference is not None and swing is not None and turning is not None:
+        acting = arm.force_on_shapes(swing, reference.turns, place)
+        blow = arm.blow(problem.prior, reference, acting, turning[LOADS:])
+        motion = ContactMotion(pull=(reference.pull @ acting).T, blow=blow)
+        moves[0] = moves[0] + scale * swing.moved_by_shapes(motion.pull)
+        if blow is not None:
+            moves += [swing.moved_by_shapes(blow.swing[:, :, when]) for when in range(PLACES.size)]
+            moves.append(swing.moved_by_links(blow.left_out, arm.targets))
+    responses = np.stack(
+        [problem.whiten(problem.along_arm(fit.trial, move)).T for move in moves], axis=2
+    )
+    weighed = fit.solve(responses.reshape(len(responses), -1)).reshape(responses.shape)
+    information = np.einsum('cpi,cpj->pij', responses, weighed) + np.eye(len(moves))
+    score = np.einsum('c,cpk->pk', fit.innovation, weighed)
+    amounts = np.linalg.solve(information, score[:, :, None])[:, :, 0]
     low, high = problem.unknowns.block(Push).limits
     return PushScores(
         place=place,
-        force=force,
-        gain=np.where((place >= low) & (place <= high), score * force, 0.0),
-        pushes=pushes,
+        amounts=amounts,
+        gain=np.where((place >= low) & (place <= high), np.sum(score * amounts, axis=1), 0.0),
+        responses=responses,
         weighed=weighed,
         information=information,
-        freedom=(std, arm.length),
+        scale=scale,
+        length=problem.table.arm.length,
+        motion=motion,
     )
-
-
-def pulled_at(problem: FrameProblem, fit: FrameLinearization, place: Array) -> Array | None:
-    """Return the motion of a swinging arm within one frame interval per 1 N at each place.
-
-    place (places,): arclength (m). Returns the changes of the modal coordinates and momenta
-    (4, places); None if the arm does not swing.
-    """
-    swing, reference, arm = fit.trial.swing_deviation, problem.prior.reference, problem.swinging
-    if swing is None or reference is None or arm is None:
-        return None
-    return np.asarray(reference.pull @ arm.force_on_shapes(swing, reference.turns, place))
-
-
-def with_pull(problem: FrameProblem, pulled: Array) -> Belief:
-    """Return the prior of a frame for a contact that has acted since the last frame.
-
-    pulled (4,): change of the modal coordinates and momenta per 1 N of contact force.
-    """
-    prior, arm = problem.prior, problem.swinging
-    assert arm is not None
-    root = prior.root.copy()
-    force = problem.unknowns.at(Push).start
-    root[arm.part(Motion.SWING), -2] += pulled * root[force, -2]
-    return replace(prior, root=freeze(root))
 
 
 def find_contacts(
@@ -174,13 +197,15 @@ def find_contacts(
     are local minima of the cost along the arm: weak contacts have several.
     """
     settings, length = problem.settings, problem.table.arm.length
-    if fit.trial.residual.size != problem.std.size:  # of all targets, including those left out
-        trial = problem.try_at(fit.trial.solved, fit.trial.bent.solution)
-        again = None if trial is None else problem.linearize(trial)
+    base = fit
+    if unexplained and problem.swinging is not None:  # a blow has distorted the fit
+        base = linearized_at(problem, np.zeros(fit.trial.xi.size), problem.prior.solution) or fit
+    if base.trial.residual.size != problem.std.size:  # of all targets, including those left out
+        again = linearized_at(problem, fit.trial.solved, fit.trial.bent.solution)
         if again is None:
             return []
-        fit = again
-    scores = score_pushes(problem, fit)
+        base = again
+    scores = score_pushes(problem, base)
     likely = scores.gain >= settings.contact_score
     indicated = likely.any() and np.any(likely & (scores.evidence() > 0.0))
     if not indicated and not unexplained:
@@ -190,7 +215,7 @@ def find_contacts(
     starts = peaks[np.argsort(-scores.gain[peaks])][:CONTACT_STARTS]
     prior = with_any_contact(problem.unknowns, problem.prior)
     touched = replace(problem, prior=prior)
-    tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
+    tried = [search_at(touched, base, scores, int(panel)) for panel in starts]
     seen = int(np.count_nonzero(problem.used))
     # Beyond this the problem is not linear, and a std of the force is meaningless.
     predicted_gain = 2.0 * float(scores.gain.max())
@@ -217,6 +242,14 @@ def find_contacts(
     return found
 
 
+def linearized_at(
+    problem: FrameProblem, xi: Array, start: SolverNodes | None
+) -> FrameLinearization | None:
+    """Return the linearization at xi; None if there is no stable shape."""
+    trial = problem.try_at(xi, start)
+    return None if trial is None else problem.linearize(trial)
+
+
 def place_of(fit: Fit) -> float:
     """Return the place (m) of the contact of a fit."""
     contact = fit[1].trial.bent.contact
@@ -229,16 +262,18 @@ def search_at(
 ) -> Fit | None:
     """Return the fit with a contact, searched from a panel."""
     where = problem.unknowns.at(Push)
-    pulled = pulled_at(problem, fit, scores.place[panel : panel + 1])
-    if pulled is not None and problem.swinging is not None:
-        problem = replace(problem, prior=with_pull(problem, pulled[:, 0]))
-    force_std, place_std = np.diagonal(problem.root[where, -2:])
-    contact = np.array(
-        [
-            scores.force[panel] / force_std,
-            (scores.place[panel] - problem.mean[where.stop - 1]) / place_std,
-        ]
-    )
-    xi = np.concatenate([fit.trial.xi + scores.step(fit, panel), contact])
-    found = problem.search(xi, fit.trial.bent.solution)
-    return None if found is None else leave_out(problem, found)
+    place_std = problem.root[where.stop - 1, -1]
+    place = (scores.place[panel] - problem.mean[where.stop - 1]) / place_std
+    others, (force, *blow) = scores.step(fit, panel), scores.amounts[panel].tolist()
+    if scores.motion is not None:
+        problem = scores.motion.with_prior(problem, panel)
+    if blow and problem.left_out is not None:
+        others[problem.left_out + ERRORS - 1] += blow.pop()
+    start = np.concatenate([fit.trial.xi, [0.0, place], np.zeros(len(blow))])
+    step = np.concatenate([others, [force, 0.0, *blow]])
+    # A blow may be beyond the reach of one linear step: then the search begins without it.
+    for xi in (start + step, start):
+        found = problem.search(xi, fit.trial.bent.solution)
+        if found is not None:
+            return leave_out(problem, found)
+    return None

@@ -23,7 +23,7 @@ from pneunet_ros.fusion.frame_update import (
 )
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
-from pneunet_ros.fusion.swinging import propagate_swing
+from pneunet_ros.fusion.swinging import propagate_swing, with_blow_on_contact
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError, UNREAD
 from pneunet_ros.measurement.blocks.tip_force import TipForce
@@ -248,4 +248,6 @@ def propagate_to_frame(
     advanced, _ = propagate_swing(
         model.swinging, before, propagated, bent, path, all_causes, frame.instant.turn_rate
     )
+    if model.swinging is not None:
+        advanced = with_blow_on_contact(model.swinging, advanced, bent)
     return replace(advanced, solution=bent.solution if bent.shape.converged else before.solution)

@@ -14,8 +14,10 @@ from pneunet_ros.fusion.bent_arm import BentArm
 from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.errors.propagated_errors import PropagatedErrors
 from pneunet_ros.measurement.errors.second_order import second_order_factor
+from pneunet_ros.measurement.inference.gaussian import with_columns
 from pneunet_ros.measurement.moving_arm import is_settled, MotionEstimate, Moved
 from pneunet_ros.measurement.swinging_arm import (
+    Blow,
     EquilibriumBetween,
     Reference,
     SwingDeviation,
@@ -58,6 +60,36 @@ def propagate_swing(
     if not np.isfinite(reference.left_out).all():  # such an arm cannot be followed
         return replace(arm.with_restarted_swing(propagated), reference=None), None
     return replace(advanced, reference=reference), motion
+
+
+def with_blow(arm: SwingingArm, belief: Belief, blow: Blow, place: int) -> Belief:
+    """Return the belief at a frame with the errors of a blow at one of its places."""
+    size, reference = belief.root.shape[1], belief.reference
+    assert reference is not None
+    root = with_columns(belief.root, blow.swing.shape[2])
+    root[arm.part(Motion.SWING), size:] = blow.swing[place]
+    left_out = reference.left_out.copy()
+    left_out[-1] = blow.left_out[place]
+    return replace(
+        belief, root=freeze(root), reference=replace(reference, left_out=freeze(left_out))
+    )
+
+
+def with_blow_on_contact(arm: SwingingArm, belief: Belief, bent: BentArm) -> Belief:
+    """Return the belief at a frame with the errors of a blow on a contact that lasts.
+
+    An arm that moves away from its contact gets none. bent: the equilibrium with the contact.
+    """
+    reference, contact = belief.reference, bent.contact
+    if reference is None or contact is None or not bent.shape.converged:
+        return belief
+    swing = arm.swing_deviation(bent.solution, belief.mean, reference, arm.targets)
+    acting = arm.force_on_shapes(swing, reference.turns, np.array([contact.place]))
+    by_force = arm.headings(bent.linearize())[-2:-1]
+    blow = arm.blow(belief, reference, acting, by_force)
+    if blow is None or blow.impulse[0] * contact.force <= 0.0:
+        return belief
+    return with_blow(arm, belief, blow, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -43,7 +43,7 @@ from pneunet_ros.solver.swing import at_rest, P, Q, Swing
 # Truncation error of a swing in each of the next shapes, as a share of the swing at the tip.
 # Measured: with it steps of 50 kPa and 0.3 N leave chi squared near 1 on three rigs in MuJoCo.
 NEXT, BEYOND = 3, 0.005
-ERRORS = NEXT + 2  # of one frame alone: these, and the response of faster shapes to a load
+ERRORS = NEXT + 3  # of one frame alone: these, and faster shapes that answer a load or a blow
 # Of a time in which a load walks: places and weights that integrate over it (Gauss, Legendre).
 PLACES = 0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
@@ -64,6 +64,31 @@ class EquilibriumBetween(NamedTuple):
     turn_rate: float = math.nan
 
 
+class Impulses(NamedTuple):
+    """Effect of impulses at an unknown time since the last reference.
+
+    mobility (shapes, shapes): velocities per momentum; kicks (PLACES, 4, shapes): changes of
+    coordinates and momenta by an impulse on each shape at PLACES; lasting (1/s): rms force per
+    impulse to which faster shapes still respond, because they settle with the damping time.
+    """
+
+    mobility: Array
+    kicks: Array
+    lasting: float
+
+
+class Blow(NamedTuple):
+    """One sigma of a blow at some places of the arm, at an unknown time since the last reference.
+
+    impulse (places,) N s: stops the arm there; swing (places, 4, PLACES): independent errors of
+    coordinates and momenta; left_out (places, links) rad: lag of the faster shapes.
+    """
+
+    impulse: Array
+    swing: Array
+    left_out: Array
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:
     """Reference of the shape coordinates, and the equilibrium at some unknowns.
@@ -74,8 +99,8 @@ class Reference:
     of q. at_tip (shapes, 2) m: displacement of the tip by each shape. lag (links,) rad: lag of
     faster shapes behind the equilibrium; left_out (ERRORS, links) rad: one sigma of the truncation
     error of a swing, and of the response of the faster modes. pull (4, shapes): effect of a load
-    on coordinates and momenta since the last reference, per force on each shape. lost: whether the
-    swing is unknown.
+    on coordinates and momenta since the last reference, per force on each shape; impulses: effect
+    of a blow, None before the second frame. lost: whether the swing is unknown.
     """
 
     heading: Array
@@ -89,6 +114,7 @@ class Reference:
     left_out: Array
     turns: Array
     pull: Array
+    impulses: Impulses | None = None
     lost: bool = False
 
     def place(self, w: Array, heading: Array) -> Array:
@@ -137,6 +163,15 @@ class SwingDeviation:
         """Return the shape of the arm, at the points of its equilibrium."""
         bent = np.stack([self.deviation[3], self.moment])
         return moved_shape(equilibrium, self.deviation[:3], bent)
+
+    def moved_by_shapes(self, motion: Array) -> Array:
+        """Return the displacement (n, 4, places) by changes (n, 2 or more) of the shapes."""
+        return np.tensordot(motion[:, : Motion.SHAPES], self.by_shape, axes=1)
+
+    def moved_by_links(self, rotation: Array, places: Places) -> Array:
+        """Return the displacement (n, 4, places) by rotations (n, links): only x and y."""
+        moved = (self.displacements @ rotation.T).transpose(2, 0, 1) @ places.nodes[1:]
+        return np.pad(moved, ((0, 0), (0, 2), (0, 0)))
 
     def moves(self, headings: Array) -> Array:
         """Return the derivatives of the deviation from equilibrium, (causes, 4, places).
@@ -300,6 +335,11 @@ class SwingingArm:
             unknowns=belief.mean,
             lag=freeze(lag),
             pull=pull,
+            impulses=Impulses(
+                mobility=rates[Q_ROWS, P_ROWS],
+                kicks=partial_transitions[:, :, P_ROWS],
+                lasting=self.lasting(seconds),
+            ),
             left_out=freeze(self.left_out(moving, response_error)),
         )
         return belief, reference, moving
@@ -425,11 +465,12 @@ class SwingingArm:
     def left_out(self, there: Moved, response_error: Array) -> Array:
         """Return one sigma of the omitted rotations (ERRORS, links) rad.
 
-        response_error (2, links) rad: one sigma of the response of faster shapes to the load.
+        response_error (2, links) rad: one sigma of the response of faster shapes to the load. The
+        last row is that to a blow: none.
         """
         tips = np.abs(self.next_shapes.sum(axis=1)) * self.moving.arm.reach / LINKS
         by_shape = BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None]
-        return np.concatenate([by_shape, response_error])
+        return np.concatenate([by_shape, response_error, np.zeros((1, LINKS))])
 
     def response_share(self, seconds: float) -> float:
         """Return the fraction of the response of faster shapes to a load drifting for a time.
@@ -458,6 +499,38 @@ class SwingingArm:
         mean_open = 1.0 - self.response_share(seconds)
         mean_square = -0.5 * time / seconds * math.expm1(-2.0 * seconds / time)
         return math.sqrt(max(mean_square - mean_open**2, 0.0))
+
+    def lasting(self, seconds: float) -> float:
+        """Return the rms force (1/s) per impulse to which faster shapes still respond.
+
+        They respond to an impulse like to a force that decays with the damping time; the impulse
+        acts at an unknown time within these seconds.
+        """
+        motion = self.moving.arm.inertia
+        assert motion is not None
+        time = motion.damping_time
+        if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
+            return 0.0
+        return math.sqrt(-0.5 * math.expm1(-2.0 * seconds / time) / (time * seconds))
+
+    def blow(
+        self, known: Known, reference: Reference, acting: Array, turning: Array
+    ) -> Blow | None:
+        """Return a blow at some places; None before the second frame.
+
+        acting (shapes, places), turning (places, links): generalized force of 1 N, and the
+        rotation of the equilibrium's links by it.
+        """
+        impulses = reference.impulses
+        if impulses is None:
+            return None
+        velocity = (impulses.mobility @ known.mean[self.part(Motion.MOMENTUM)]) @ acting
+        mobility = np.einsum('sp,st,tp->p', acting, impulses.mobility, acting)
+        impulse = np.divide(-velocity, mobility, out=np.zeros_like(velocity), where=mobility > 0.0)
+        swing = np.einsum('tij,jp,p,t->pit', impulses.kicks, acting, impulse, np.sqrt(WEIGHTS))
+        unspanned = turning - (turning @ reference.projection.T) @ reference.turns
+        left_out = impulses.lasting * impulse[:, None] * unspanned
+        return Blow(impulse=impulse, swing=swing, left_out=left_out)
 
     def with_force_path_error(self, root: Array, reductions: Array) -> Array:
         """Add the error of a swing due to the unknown course of the tip force to a root.

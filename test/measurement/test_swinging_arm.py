@@ -159,6 +159,42 @@ def test_when_a_load_walked_is_unknown_and_so_is_what_faster_shapes_answered(sec
     assert chain.response_std(seconds) == pytest.approx(answers.std(), rel=1e-3)
 
 
+@pytest.mark.parametrize('seconds', [0.003, 0.04, 2.0])
+def test_a_blow_at_an_unknown_time_is_still_answered_by_faster_shapes(seconds):
+    chain, _ = swinging()
+    ages = seconds * (np.arange(100_000) + 0.5) / 100_000
+    forces = np.exp(-ages / DAMPING_TIME) / DAMPING_TIME
+    assert chain.lasting(seconds) == pytest.approx(np.sqrt(np.mean(forces**2)), rel=1e-3)
+    assert chain.lasting(np.inf) == 0.0
+
+
+def test_a_blow_stops_the_arm_where_it_is_hit():
+    chain, arm = swinging()
+    shape = solve(arm, PRESSURE)
+    known = first_belief(Fusion(arm=arm).model.unknowns, 0)
+    _, first, _ = chain.advance((known, None, 0), known, shape.solution, 1)
+    swing = chain.swing_deviation(shape.solution, known.mean, first, chain.targets)
+    first = first.at_estimate(swing, known.mean, first.turning)
+    _, reference, _ = chain.advance((known, first, 1), known, shape.solution, 40_000_001)
+    mean = known.mean.copy()
+    mean[chain.part(Block.MOMENTUM)] = (1e-4, -2e-4)
+    places = np.array([0.05, 0.09])
+    acting = chain.force_on_shapes(swing, reference.turns, places)
+    turning = np.cumsum(np.ones((2, LINKS)), axis=1)
+    assert chain.blow(known, first, acting, turning) is None  # nothing has passed since
+    blow = chain.blow(replace(known, mean=mean), reference, acting, turning)
+    for which, impulse in enumerate(blow.impulse):
+        after = mean[chain.part(Block.MOMENTUM)] + impulse * acting[:, which]
+        hit = acting[:, which] @ reference.impulses.mobility
+        assert abs(hit @ after) < 1e-12 * abs(hit @ mean[chain.part(Block.MOMENTUM)])
+    # A blow just before the frame changes the momenta alone, by the impulse on each shape.
+    early, _, late = (np.abs(blow.swing[:, 0, when]) for when in range(3))
+    assert (late < early).all()
+    assert (
+        np.abs(blow.left_out @ reference.projection.T).max() < 1e-9 * np.abs(blow.left_out).max()
+    )
+
+
 def test_between_two_stamps_pressure_and_force_go_as_they_are_read():
     known = tuple(pressed(stamp, 1e4 * stamp) for stamp in (1, 2, 4))
     pulls = tuple(

@@ -23,6 +23,7 @@ class Motion(Block):
     relative: Array
     SHAPES: ClassVar[int] = 2
     PLACE: ClassVar[slice] = slice(0, 2)
+    MOMENTUM: ClassVar[slice] = slice(2, 4)
     SWING: ClassVar[slice] = slice(0, 4)
     RELATIVE: ClassVar[slice] = slice(4, 6)
 
