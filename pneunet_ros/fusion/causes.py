@@ -138,7 +138,7 @@ class ContactCause(Cause):
             updated, fit, before = free, free.update.fit, free.before
         seen = int(np.count_nonzero(updated.problem.used))
         read = frame.wrench is not None
-        for found in find_contacts(updated.problem, fit[1], unexplained=misfits(fit)):
+        for found in find_contacts(updated.problem, fit, unexplained=misfits(fit)):
             begun = FrameUpdate(belief=None, unchecked=None if read else found, settled=read)
             update = with_fit(begun, found, found, seen)
             with_contact = HypothesisUpdate(

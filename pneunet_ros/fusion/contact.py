@@ -187,17 +187,16 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     )
 
 
-def find_contacts(
-    problem: FrameProblem, fit: FrameLinearization, *, unexplained: bool
-) -> list[Fit]:
+def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> list[Fit]:
     """Return fits with a contact, the best one for each place, best first.
 
-    Empty if no contact is needed. fit: the fit without a contact; its linearization shows whether
-    one is needed, unless that fit is inconsistent with the frame (unexplained). The best places
+    Empty if no contact is needed. problem: of all targets seen; best: the fit without a contact,
+    perhaps without some targets; its linearization shows whether a contact is needed, unless that
+    fit is inconsistent with the frame (unexplained). The best places
     are local minima of the cost along the arm: weak contacts have several.
     """
     settings, length = problem.settings, problem.table.arm.length
-    base = fit
+    fit = base = best[1]
     if unexplained and problem.swinging is not None:  # a blow has distorted the fit
         base = linearized_at(problem, np.zeros(fit.trial.xi.size), problem.prior.solution) or fit
     if base.trial.residual.size != problem.std.size:  # of all targets, including those left out
@@ -220,11 +219,12 @@ def find_contacts(
     # Beyond this the problem is not linear, and a std of the force is meaningless.
     predicted_gain = 2.0 * float(scores.gain.max())
 
-    free = evidence_cost((problem, fit), seen) - 2.0 * settings.odds_against
+    free = evidence_cost(best, seen) - 2.0 * settings.odds_against
+    free_cost = fit.cost + left_out_cost(best, seen)
 
     def is_needed(item: Fit) -> bool:
         cost = item[1].cost + left_out_cost(item, seen)
-        beyond = unexplained and excess(item) <= 1.0 and fit.cost - cost > predicted_gain
+        beyond = unexplained and excess(item) <= 1.0 and free_cost - cost > predicted_gain
         return beyond or evidence_cost(item, seen) < free
 
     # A contact of no force is another minimum without one, or a tip force.
