@@ -175,9 +175,9 @@ def splits_of(arm: Arm) -> Array:
 
 def family(arm: Arm, settings: PriorSettings) -> tuple[list[Array], list[Array]]:
     """Return angles (rad) at FINE_STATIONS of free and pulled shapes over calibrated pressures."""
-    low, high = arm.pressure_range
+    weakest, strongest = sorted(arm.pressure_range, key=abs)  # a vacuum is negative
     free, pulled = [], []
-    for pressure in np.linspace(low, high, settings.pressures + 1)[1:].tolist():
+    for pressure in np.linspace(weakest, strongest, settings.pressures + 1)[1:].tolist():
         shape = solve(arm, pressure, stations=FINE_STATIONS)
         if not shape.converged:
             continue

@@ -15,6 +15,7 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.moment_law import LinearLaw
+from pneunet_ros.model.starting_arm import starting_arm
 from pneunet_ros.vision.curvature_prior import learn_priors
 from pneunet_ros.vision.smoother import MeasuredCurve, Smoother, smoother_for
 import pytest
@@ -391,3 +392,14 @@ def test_too_few_targets_in_the_model_are_refused():
 def test_sightings_of_another_arm_are_refused():
     with refused(RequestError, 'wrong_targets'):
         smoother().smooth(sightings(np.arange(5.0), np.zeros(5)))
+
+
+def test_an_arm_under_vacuum_has_the_priors_of_its_mirror_image():
+    places = 0.01 * np.arange(12)
+    pressed, sucked = (
+        learn_priors(starting_arm('finger', 0.112, 0.1667, places, pressure))
+        for pressure in (60e3, -60e3)
+    )
+    for one, other in zip(sucked, pressed, strict=True):
+        assert one.std == pytest.approx(other.std, rel=1e-6)
+        assert one.length_scale == pytest.approx(other.length_scale, rel=1e-6)
