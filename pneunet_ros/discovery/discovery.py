@@ -1,7 +1,7 @@
 """Discovery of a law, in words and as an executable effect, for an unexplained misfit.
 
-There is no search if the residuals are consistent with noise. A law is reported only if each half
-of the recordings predicts the other half with it, and if held-out recordings do not contradict it.
+There is no search if the residuals are consistent with noise. A law is reported only if, with
+it, one half of the recordings predicts the other, and if held-out recordings do not contradict it.
 """
 
 from __future__ import annotations
@@ -402,7 +402,7 @@ def objections_to(finding: Finding, fits: JointFits) -> tuple[str, ...]:
 
 
 def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
-    """Return the p-value of a split test, in which each half predicts the other.
+    """Return the p-value of a split test, in which one half predicts the other.
 
     Position, terms and coefficients are from one half. The other half is fitted independently,
     because a base fitted to both halves would have common errors. 1 if neither half has a law.
