@@ -7,6 +7,7 @@ from functools import partial
 import math
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.bent_arm import bend_arm, causes_with_contact
@@ -27,7 +28,8 @@ from pneunet_ros.fusion.swinging import propagate_swing, with_blow_on_contact
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError, UNREAD
 from pneunet_ros.measurement.blocks.tip_force import TipForce
-from pneunet_ros.measurement.inference.gaussian import widen, with_columns
+from pneunet_ros.measurement.blocks.unknowns import LAW
+from pneunet_ros.measurement.inference.gaussian import innovation_factor, widen, with_columns
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 from pneunet_ros.measurement.swinging_arm import ERRORS
 
@@ -70,6 +72,24 @@ class HypothesisUpdate:
         return -math.inf if fit is None else -0.5 * evidence_cost(fit, seen)
 
     @property
+    def log_sharpness(self) -> float:
+        """Log density of the prediction at its center, up to a constant; -inf if nothing fits."""
+        fit = self.update.evident
+        return -math.inf if fit is None else log_sharpness_of(fit[1].factor)
+
+    @property
+    def log_sharpness_given_loads(self) -> float:
+        """The same if tip force, end moment and pressure of the frame had been known."""
+        free, used = self.update.fit, self.update.evident
+        if free is None or used is None:
+            return -math.inf
+        loads, jacobian = free[0].cause_root[:LAW], used[1].jacobian
+        size = np.linalg.norm(loads, axis=1, keepdims=True)
+        loads = np.divide(loads, size, out=np.zeros_like(loads), where=size > 0.0)
+        known = innovation_factor(jacobian - (jacobian @ np.linalg.pinv(loads)) @ loads)
+        return log_sharpness_of(known)
+
+    @property
     def cost(self) -> float:
         """The lowest cost of the frame, in chi squared; a left-out target costs its gate."""
         fit, seen = self.update.fit, int(np.count_nonzero(self.problem.used))
@@ -80,6 +100,11 @@ class HypothesisUpdate:
         """Residual chi squared per target coordinate; infinite without a fit."""
         fit = self.update.fit
         return math.inf if fit is None else fit[1].cost / fit[1].trial.residual.size
+
+
+def log_sharpness_of(factor: Array) -> float:
+    """Return the log density of an innovation of zero from the factor of its covariance."""
+    return -float(np.log(np.diagonal(factor)).sum())
 
 
 def update_with_likeliest_walk(

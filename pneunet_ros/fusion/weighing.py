@@ -167,10 +167,16 @@ def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float)
 
     temper: divides the log evidence of a frame that no hypothesis fits well.
     """
-    swings = model.moving is not None and any(MOTION in one.after.causes for one, _ in weighed)
+    swings = [
+        one
+        for one, _ in weighed
+        if model.moving is not None and one.update.belief and MOTION in one.after.causes
+    ]
+    gained = max((smoothness_of_loads(model, one, swings) for one, _ in weighed), default=0.0)
     weights = [
         weight
-        + (evidence_comparable_with_swing(model, one) if swings else one.log_evidence) / temper
+        + (evidence_comparable_with_swings(model, one, gained) if swings else one.log_evidence)
+        / temper
         if one.update.belief is not None
         else -math.inf
         for one, weight in weighed
@@ -192,17 +198,41 @@ def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float)
     return weights
 
 
-def evidence_comparable_with_swing(model: PreparedModel, updated: HypothesisUpdate) -> float:
-    """Return the log evidence of a frame, comparable with that of a swinging arm.
+def evidence_comparable_with_swings(
+    model: PreparedModel, updated: HypothesisUpdate, gained: float
+) -> float:
+    """Return the log evidence of a frame, comparable with that of swinging arms.
 
     Without a swing, the force may change freely from frame to frame, which reduces the evidence
     even under a steady load. Therefore the recent random walk of the force is tried here as well.
+    gained: see `smoothness_of_loads`.
     """
     before = updated.before
     if MOTION in before.causes or not before.frames:
         return updated.log_evidence
     steady = update_from(model, updated, before, before.walk.recent)
-    return max(updated.log_evidence, steady.log_evidence)
+    return max(updated.log_evidence, steady.log_evidence) + gained
+
+
+def smoothness_of_loads(
+    model: PreparedModel, updated: HypothesisUpdate, swings: list[HypothesisUpdate]
+) -> float:
+    """Return what a frame of an arm at rest lacks in log evidence by the noise of its readings.
+
+    A mass averages it, and so makes the motion smooth. This proves no mass, because loads are
+    smooth as well: where the force is read and the frame is explained without a contact, the
+    prediction counts as sharp as with known loads, or as with a swing, and the targets test the
+    reading, which a swing only follows. All hypotheses of an arm at rest gain this.
+    """
+    before = updated.before
+    if not swings or MOTION in before.causes or not before.frames or updated.after.touched:
+        return 0.0
+    if not updated.explained or model.used(updated.frame, before.causes).wrench is None:
+        return 0.0
+    sharpest = max(one.log_sharpness for one in swings)
+    sharpest = max(sharpest, updated.log_sharpness_given_loads)
+    evidence = updated.log_evidence + max(sharpest - updated.log_sharpness, 0.0) + 0.5 * FREE
+    return max(evidence - evidence_comparable_with_swings(model, updated, 0.0), 0.0)
 
 
 def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:

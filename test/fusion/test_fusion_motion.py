@@ -14,9 +14,10 @@ from pneunet_ros.fusion.causes import MotionCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.frame_update import known_bending
 from pneunet_ros.fusion.fusion import Fusion
-from pneunet_ros.fusion.hypothesis_update import problem_of
+from pneunet_ros.fusion.hypothesis_update import problem_of, update_with_walk
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.weighing import evidence_comparable_with_swings, smoothness_of_loads
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates
@@ -152,6 +153,45 @@ def test_a_load_that_is_read_accuses_no_force_sensor_by_a_model_without_motion()
     assert state.causes == {MOTION}
     assert all(one.force_sensor is None for _, one in estimates)
     assert np.mean(rows[:, 2] < IN_95) > 0.9
+
+
+def test_frames_of_an_arm_at_rest_leave_a_swing_as_likely_as_it_was():
+    """A swing makes the motion smooth, as a load and a pressure that move slowly do."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    scenario = dataclasses.replace(
+        scenario,
+        protocol=dataclasses.replace(
+            scenario.protocol, duration=3.2, force_x=(0.0, 0.08), force_y=(-0.04, 0.04)
+        ),
+        rates=Rates(frames=50.0),
+    )
+    recording, by = simulate(scenario), Fusion(arm=true_model(scenario))
+    reading, forces, _ = readings_at_frames(recording)
+    model, state, swing, odds = by.model, FusionState(), None, []
+    for frame, stamp in enumerate(recording.stamp_ns.tolist()):
+        pressure = float(recording.pressure[reading[frame]])
+        force_x, force_y = forces[frame].tolist()
+        wrench = WrenchReading(
+            stamp_ns=stamp, force_x=force_x, force_y=force_y, moment=0.0, frame_id='pneunet_base'
+        )
+        seen = sightings(recording, frame)
+        for event in (wrench, PressureReading(stamp_ns=stamp, pressure=pressure)):
+            state, _ = by.step(state, event)
+        if frame > 40:
+            shown, _ = by.instant_shown(state, model.shown_ns(seen))
+            read = by.read_frame(state, seen, shown)
+            rest = update_with_walk(model, read, state.belief)
+            if swing is None:
+                (swing, _), *_ = MotionCause().alternatives(model, rest)
+            else:
+                swing = update_with_walk(model, read, swing.after)
+            gained = smoothness_of_loads(model, rest, [swing])
+            evidence = evidence_comparable_with_swings(model, rest, gained)
+            odds.append(evidence - swing.log_evidence)
+        state, _ = by.step(state, seen)
+    assert len(odds) > 100
+    assert 0.0 < np.median(odds) < 2.0  # nats; where a load begins to move it refutes a swing
+    assert state.causes == frozenset()
 
 
 def test_velocity_is_that_of_the_tip():
