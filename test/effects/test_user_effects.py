@@ -10,7 +10,6 @@ import sys
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.executor import open_executor
 from pneunet_ros.effects import EFFECTS, user_effects
 from pneunet_ros.effects.user_effects import add_effects, add_installed_effects
 from pneunet_ros.files.model_file import load_model, save_model
@@ -141,20 +140,6 @@ def test_a_folder_without_effects_is_refused(tmp_path):
         add_effects(tmp_path / 'nothing')
     with refused(ModelError, 'no_effect'):
         add_effects(tmp_path)
-
-
-def gain_of(effect):
-    """Return a number that needs the class of the effect, and the table."""
-    return effect.gain, effect.name in EFFECTS
-
-
-def test_processes_know_the_effects_of_a_user(tmp_path):
-    from functools import partial
-
-    path = folder(tmp_path)
-    (soft_part,) = add_effects(path)
-    with open_executor(workers=1, prepare=partial(add_effects, path)) as executor:
-        assert executor.submit(gain_of, soft_part(gain=0.3)).result() == (0.3, True)
 
 
 def test_installed_packages_may_offer_effects(tmp_path, monkeypatch):
