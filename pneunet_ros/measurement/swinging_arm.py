@@ -43,7 +43,7 @@ from pneunet_ros.solver.swing import at_rest, P, Q, Swing
 # Truncation error of a swing in each of the next shapes, as a share of the swing at the tip.
 # Measured: with it steps of 50 kPa and 0.3 N leave chi squared near 1 on three rigs in MuJoCo.
 NEXT, BEYOND = 3, 0.005
-ERRORS = NEXT + 3  # of one frame alone: these, and faster shapes that answer a load or a blow
+ERRORS = NEXT + 3  # of one frame alone: these, and faster shapes excited by a load or a blow
 # Of a time in which a load walks: places and weights that integrate over it (Gauss, Legendre).
 PLACES = 0.5 + math.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
@@ -133,8 +133,8 @@ class Reference:
         )
 
     def unspanned_part(self, rotation: Array) -> Array:
-        """Return the part of the link angles (links,) that the mode shapes do not span."""
-        return np.asarray(rotation - (self.projection @ rotation) @ self.turns)
+        """Return the part of link angles (.., links) that the mode shapes do not span."""
+        return np.asarray(rotation - rotation @ self.projection.T @ self.turns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -317,7 +317,7 @@ class SwingingArm:
         )
         force_walk = root_of(propagated.root[self.tip, known.root.shape[1] :])
         loads = previous.turning if turning is None else 0.5 * (previous.turning + turning)
-        unspanned = np.stack([reference.unspanned_part(load) for load in loads[:, self.tip].T])
+        unspanned = reference.unspanned_part(loads[:, self.tip].T)
         response_error = self.response_std(seconds) * force_walk.T @ unspanned
         start_lag = previous.lag - previous.unspanned_part(
             start_links.heading - previous.links.heading
@@ -528,8 +528,7 @@ class SwingingArm:
         mobility = np.einsum('sp,st,tp->p', acting, impulses.mobility, acting)
         impulse = np.divide(-velocity, mobility, out=np.zeros_like(velocity), where=mobility > 0.0)
         swing = np.einsum('tij,jp,p,t->pit', impulses.kicks, acting, impulse, np.sqrt(WEIGHTS))
-        unspanned = turning - (turning @ reference.projection.T) @ reference.turns
-        left_out = impulses.lasting * impulse[:, None] * unspanned
+        left_out = impulses.lasting * impulse[:, None] * reference.unspanned_part(turning)
         return Blow(impulse=impulse, swing=swing, left_out=left_out)
 
     def with_force_path_error(self, root: Array, reductions: Array) -> Array:
