@@ -172,16 +172,19 @@ def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float)
         for one, _ in weighed
         if model.moving is not None and one.update.belief and MOTION in one.after.causes
     ]
-    gained = max((smoothness_of_loads(model, one, swings) for one, _ in weighed), default=0.0)
-    weights = [
-        weight
-        + (evidence_comparable_with_swings(model, one, gained) if swings else one.log_evidence)
-        / temper
-        if one.update.belief is not None
-        else -math.inf
-        for one, weight in weighed
-    ]
     used = [one.update.belief is not None for one, _ in weighed]
+    evidences = [
+        evidence_comparable_with_swings(model, one, swings) if counts else -math.inf
+        for (one, _), counts in zip(weighed, used, strict=True)
+    ]
+    gained = max(
+        smoothness_of_loads(model, one, evidence, swings)
+        for (one, _), evidence in zip(weighed, evidences, strict=True)
+    )
+    weights = [
+        weight + (evidence + (gained if is_at_rest(one) else 0.0)) / temper
+        for (one, weight), evidence in zip(weighed, evidences, strict=True)
+    ]
     rests = [
         which for which, (one, _) in enumerate(weighed) if used[which] and is_open(model, one)
     ]
@@ -198,41 +201,47 @@ def log_weights(model: PreparedModel, weighed: list[Alternative], temper: float)
     return weights
 
 
+def is_at_rest(updated: HypothesisUpdate) -> bool:
+    """Whether a hypothesis has followed the frames so far without a swing."""
+    return MOTION not in updated.before.causes and updated.before.frames > 0
+
+
 def evidence_comparable_with_swings(
-    model: PreparedModel, updated: HypothesisUpdate, gained: float
+    model: PreparedModel, updated: HypothesisUpdate, swings: list[HypothesisUpdate]
 ) -> float:
-    """Return the log evidence of a frame, comparable with that of swinging arms.
+    """Return the log evidence of a frame, comparable with that of swinging arms, if there are any.
 
     Without a swing, the force may change freely from frame to frame, which reduces the evidence
     even under a steady load. Therefore the recent random walk of the force is tried here as well.
-    gained: see `smoothness_of_loads`.
     """
-    before = updated.before
-    if MOTION in before.causes or not before.frames:
+    if not swings or not is_at_rest(updated):
         return updated.log_evidence
-    steady = update_from(model, updated, before, before.walk.recent)
-    return max(updated.log_evidence, steady.log_evidence) + gained
+    steady = update_from(model, updated, updated.before, updated.before.walk.recent)
+    return max(updated.log_evidence, steady.log_evidence)
 
 
 def smoothness_of_loads(
-    model: PreparedModel, updated: HypothesisUpdate, swings: list[HypothesisUpdate]
+    model: PreparedModel,
+    updated: HypothesisUpdate,
+    evidence: float,
+    swings: list[HypothesisUpdate],
 ) -> float:
-    """Return what a frame of an arm at rest lacks in log evidence by the noise of its readings.
+    """Return the log evidence that an arm at rest lacks because of the noise of its readings.
 
-    A mass averages it, and so makes the motion smooth. This proves no mass, because loads are
-    smooth as well: where the force is read and the frame is explained without a contact, the
-    prediction counts as sharp as with known loads, or as with a swing, and the targets test the
-    reading, which a swing only follows. All hypotheses of an arm at rest gain this.
+    A swinging arm averages this noise, because its mass makes the motion smooth. That is no
+    evidence for a mass, because loads are smooth as well. Where the force is read and the frame is
+    explained without a contact, the prediction therefore counts as sharp as with known loads, or
+    as with a swing, and the targets test the reading, which a swing only follows. All hypotheses
+    of an arm at rest gain this. evidence: that of `evidence_comparable_with_swings`.
     """
-    before = updated.before
-    if not swings or MOTION in before.causes or not before.frames or updated.after.touched:
+    if not swings or not is_at_rest(updated) or updated.after.touched or not updated.explained:
         return 0.0
-    if not updated.explained or model.used(updated.frame, before.causes).wrench is None:
+    if model.used(updated.frame, updated.before.causes).wrench is None:
         return 0.0
     sharpest = max(one.log_sharpness for one in swings)
     sharpest = max(sharpest, updated.log_sharpness_given_loads)
-    evidence = updated.log_evidence + max(sharpest - updated.log_sharpness, 0.0) + 0.5 * FREE
-    return max(evidence - evidence_comparable_with_swings(model, updated, 0.0), 0.0)
+    smooth = updated.log_evidence + max(sharpest - updated.log_sharpness, 0.0) + 0.5 * FREE
+    return max(smooth - evidence, 0.0)
 
 
 def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:

@@ -185,8 +185,8 @@ def test_frames_of_an_arm_at_rest_leave_a_swing_as_likely_as_it_was():
                 (swing, _), *_ = MotionCause().alternatives(model, rest)
             else:
                 swing = update_with_walk(model, read, swing.after)
-            gained = smoothness_of_loads(model, rest, [swing])
-            evidence = evidence_comparable_with_swings(model, rest, gained)
+            evidence = evidence_comparable_with_swings(model, rest, [swing])
+            evidence += smoothness_of_loads(model, rest, evidence, [swing])
             odds.append(evidence - swing.log_evidence)
         state, _ = by.step(state, seen)
     assert len(odds) > 100
