@@ -32,6 +32,11 @@ MODE_SENTENCES = {
 }
 
 
+def force_words(value: float, error: str = '') -> str:
+    """Return a force (N) and its error as text; `unknown` for NaN."""
+    return f'{value:.4f}{error}' if math.isfinite(value) else 'unknown'
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceSensorFault:
     """Reading of a faulty force sensor and the estimate from targets: (2,) N of F1 and F2.
@@ -46,9 +51,9 @@ class ForceSensorFault:
     @property
     def words(self) -> str:
         """Return the reading and the estimate as text."""
-        read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
+        read = ', '.join(force_words(value) for value in self.reading.tolist())
         pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
-        estimated = ', '.join(f'{value:.4f} ± {std:.4f}' for value, std in pairs)
+        estimated = ', '.join(force_words(value, f' ± {std:.4f}') for value, std in pairs)
         return f'ignored: it reads ({read}) N, but the targets give ({estimated}) N'
 
     @property

@@ -12,7 +12,7 @@ from pneunet_ros.estimation.health import EstimatorHealth, solve_values
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.contact import Contact
-from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.estimate import FusedEstimate, ForceSensorFault, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import ForceReadings, FusionState, RunningNis
 from pneunet_ros.messages.serializer import MessageSerializer
@@ -208,3 +208,14 @@ def test_errors_are_as_large_as_the_frames_of_the_last_while_say():
     assert ratio(1.9) == 1.0  # noise has as much
     assert ratio(4.0) == 2.0
     assert ratio(1e5) == pytest.approx(math.sqrt(8.0))  # of a frame that is not used
+
+
+def test_a_force_that_the_targets_do_not_determine_is_unknown():
+    fault = ForceSensorFault(
+        reading=np.array([0.1, np.nan]),
+        targets=np.array([np.nan, 0.02]),
+        targets_std=np.array([np.nan, 0.001]),
+    )
+    assert '(0.1000, unknown)' in fault.words
+    assert '(unknown, 0.0200 ± 0.0010)' in fault.words
+    assert fault.numbers['targets'] == [None, 0.02]
