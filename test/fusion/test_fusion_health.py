@@ -12,7 +12,7 @@ from pneunet_ros.estimation.health import EstimatorHealth, solve_values
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.contact import Contact
-from pneunet_ros.fusion.estimate import FusedEstimate, ForceSensorFault, Mode
+from pneunet_ros.fusion.estimate import ForceSensorFault, FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import ForceReadings, FusionState, RunningNis
 from pneunet_ros.messages.serializer import MessageSerializer
