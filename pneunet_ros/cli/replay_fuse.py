@@ -18,6 +18,7 @@ from pneunet_ros.cli.replaying import (
 )
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
+from pneunet_ros.fusion.estimate import force_words
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.messages.readings import PRESSURE, SENSORS
@@ -96,7 +97,7 @@ def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
     last = tally.last
     if last is not None:
         x, y, _ = last.estimate.shape.tip
-        force = ', '.join(f'{value:.4f}' for value in last.force.tolist())
+        force = ', '.join(force_words(value) for value in last.force.tolist())
         facts['last estimate'] = (
             f'tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm, force ({force}) N'
         )

@@ -42,8 +42,8 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.solution import SolverNodes
 
 STIFFNESS_UNKNOWN = (
-    'no force can be estimated, because the model was calibrated without loads and its '
-    'stiffness is unknown: calibrate with loads'
+    'forces are neither used nor estimated, because no load has measured the stiffness of the '
+    'model: calibrate with loads'
 )
 SETUP_PROBLEMS = (
     *(one.sentence for one in CAUSES if one.sentence),

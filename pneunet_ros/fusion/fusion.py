@@ -375,7 +375,7 @@ class Fusion:
     def wrench_at(
         self, state: FusionState, stamp_ns: int, *, with_targets: bool
     ) -> NearWrench | None:
-        """Return the wrench nearest to a stamp; None if none is near.
+        """Return the wrench nearest to a stamp; None if none is near or the stiffness is unknown.
 
         If there are targets, they suffice, so the result is also None until the noise of the
         readings is known.
@@ -389,7 +389,9 @@ class Fusion:
                 frame_id=self.sensors.frame_id,
             )
             return NearWrench(reading=zero, age=0.0, std=0.0)
-        if not state.force.kept or (with_targets and not self.force_noise_is_known(state)):
+        if not state.force.kept or self.model.stiffness_unknown:
+            return None
+        if with_targets and not self.force_noise_is_known(state):
             return None
         wrench = nearest_to(state.force.kept, stamp_ns)
         age = seconds_since(wrench.stamp_ns, stamp_ns)

@@ -41,6 +41,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
+from pneunet_ros.model.starting_arm import has_invented_stiffness
 from pneunet_ros.solver.columns import LOADS
 
 FAR = 1e3  # force scales: a larger reading has no more information
@@ -107,8 +108,8 @@ class PreparedModel:
         object.__setattr__(self, 'moving', self._moving())
 
     def _moving(self) -> PreparedModel | None:
-        """Return the model with a likely inertia; None if the inertia is known, or is not used."""
-        if self.arm.inertia is not None or self.given is not None:
+        """Return the model with a likely inertia; None if it is known, or the stiffness is not."""
+        if self.arm.inertia is not None or self.given is not None or self.stiffness_unknown:
             return None
         motion = likely_motion(self.arm)
         return None if motion is None else replace(self, arm=replace(self.arm, motion=motion))
@@ -303,9 +304,10 @@ class PreparedModel:
 
     @property
     def stiffness_unknown(self) -> bool:
-        """Whether the model was calibrated without loads, so that its stiffness is unknown."""
+        """Whether no load has measured the stiffness of the model, so that it is unknown."""
         domain = self.arm.domain
-        return domain is not None and domain.largest_force == domain.largest_end_moment == 0.0
+        unloaded = domain is not None and domain.largest_force == domain.largest_end_moment == 0.0
+        return unloaded or has_invented_stiffness(self.arm)
 
     @property
     def camera_is_observable(self) -> bool:

@@ -13,7 +13,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import first_belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.belief import first_belief, FORCE_SENSOR, MOTION, PRESSURE
 from pneunet_ros.fusion.belief_estimate import STIFFNESS_UNKNOWN
 from pneunet_ros.fusion.causes import (
     CAMERA,
@@ -45,6 +45,7 @@ from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.inference.bank import Hypothesis
 from pneunet_ros.model.domain import Domain
+from pneunet_ros.model.starting_arm import has_invented_stiffness, starting_arm
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 from support.lab_run import true_model
@@ -382,12 +383,24 @@ def test_no_force_is_told_by_a_stiffness_that_nobody_measured(with_wrench):
         assert np.isnan(one.force_covariance).all()
         assert one.contact is None
         assert STIFFNESS_UNKNOWN in one.estimate.warnings
+        assert one.estimate.wrench_age is None
     loaded = Domain(pressure=(0.0, high), end_load=np.array([[0.3, 0.3, 0.0, 1e3]]))
     known = fuse(
         Fusion(arm=replace(arm, domain=loaded)), with_wrench=with_wrench, frames=range(10)
     )
     assert not any(STIFFNESS_UNKNOWN in one.estimate.warnings for one in known.estimates)
     assert np.isfinite([one.force for one in known.estimates]).any()
+
+
+def test_a_placeholder_of_the_stiffness_accuses_no_force_sensor():
+    arm = fusion().arm
+    placeholder = starting_arm('new', arm.length, 0.25 * arm.weight, arm.target_arclength, 66e3)
+    assert has_invented_stiffness(placeholder)
+    found = fuse(Fusion(arm=placeholder), with_wrench=True)
+    assert len(found.estimates) > 190
+    assert all(STIFFNESS_UNKNOWN in one.estimate.warnings for one in found.estimates)
+    assert all(one.force_sensor is None for one in found.estimates)
+    assert not found.state.causes & {FORCE_SENSOR, MOTION}
 
 
 def test_where_the_force_is_not_known_it_is_not_told():
