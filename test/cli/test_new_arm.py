@@ -92,6 +92,7 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
         ((*SIZES[:-1], '3furlong', '--targets', '9'), 'not_a_number'),
         ((*SIZES[:-1], '0mm', '--targets', '9'), 'out_of_bounds'),
         ((*SIZES, '--pressure', '0', '--targets', '9'), 'out_of_bounds'),
+        ((*SIZES, '--pressure=-120kPa', '--targets', '9'), 'out_of_bounds'),
         ((*SIZES, '--targets', '9', '--places', '0', '1'), 'exclusive'),
         ((*SIZES, '--places', '0', '10mm', '5mm'), 'not_increasing'),
         ((*SIZES, '--places', '0', '20mm', '22mm'), 'out_of_bounds'),

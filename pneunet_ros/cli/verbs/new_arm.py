@@ -14,7 +14,7 @@ from pneunet_ros.cli import verb
 from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.core.units import kilopascals, millimeters, STANDARD_ATMOSPHERE
 from pneunet_ros.files.atomic import all_or_none, atomic_output
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.model.starting_arm import even_places, starting_arm
@@ -167,11 +167,12 @@ def check_gaps(option: str, places: Array, dot: float) -> None:
 
 
 def nonzero_size(option: str, text: str, kind: str) -> float:
-    """Return a size, SI; RequestError if it is zero, or negative and not a pressure."""
+    """Return a size, SI; RequestError if it is zero, or negative but no pressure of a vacuum."""
     value = size_of(option, text, kind)
-    if value == 0.0 or (value < 0.0 and kind != 'pressure'):
-        least = 'not be zero' if kind == 'pressure' else 'be above zero'
-        raise RequestError(f'{option} {text} must {least}', reason='out_of_bounds')
+    least = -STANDARD_ATMOSPHERE if kind == 'pressure' else 0.0
+    if value == 0.0 or value < least:
+        allowed = f'be above {least:g} Pa and not zero' if kind == 'pressure' else 'be above zero'
+        raise RequestError(f'{option} {text} must {allowed}', reason='out_of_bounds')
     return value
 
 
