@@ -131,25 +131,38 @@ def move_belief(
     return replace(belief, stamp_ns=stamp_ns, mean=mean, root=root, walk=walked)
 
 
-def with_walk(unknowns: Unknowns, before: Belief, after: Belief) -> Belief:
+def forces_of(unknowns: Unknowns) -> list[int]:
+    """Return the indices of the forces that walk: F1, F2, and the force of a contact."""
+    tip = unknowns.at(TipForce)
+    return [*range(tip.start, tip.stop), unknowns.at(Push).start]
+
+
+def with_walk(
+    unknowns: Unknowns, before: Belief, after: Belief, kept: Array | None = None
+) -> Belief:
     """Return the belief after a frame, with the random walk of the forces estimated from it.
 
-    before, after: the beliefs at the last frame and at this one; their forces are nearly
-    independent. A change of force larger than their variances explain is attributed to the walk.
+    A change of force that is larger than the errors at both frames explain is attributed to the
+    walk. An error that both have in common, as that of a direction of gravity, explains no change.
+
+    before, after: the beliefs at the last frame and at this one. kept (forces, errors): what the
+    errors before contribute to the forces after; None: nothing.
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:
         return replace(after, walk=before.walk)
-    tip, push = unknowns.at(TipForce), unknowns.at(Push).start
-    changes = []
-    for force in (*range(tip.start, tip.stop), push):
-        rows = before.root[force], after.root[force]
-        changes.append(
-            ForceChange(
-                squared=float(after.mean[force] - before.mean[force]) ** 2,
-                explained=sum(float(row @ row) for row in rows),
-                of_tip=force != push,
-            )
+    forces, push = forces_of(unknowns), unknowns.at(Push).start
+    first, last = before.root[forces], after.root[forces]
+    kept = np.zeros(first.shape) if kept is None else kept
+    new = np.square(last).sum(axis=1) - np.square(kept).sum(axis=1)
+    explained = np.square(first - kept).sum(axis=1) + np.maximum(new, 0.0)
+    changes = [
+        ForceChange(
+            squared=float(after.mean[force] - before.mean[force]) ** 2,
+            explained=float(one),
+            of_tip=force != push,
         )
+        for force, one in zip(forces, explained, strict=True)
+    ]
     block = unknowns.block(TipForce)
     return replace(after, walk=block.walk_after(before.walk, changes, seconds, before.frames))

@@ -119,6 +119,13 @@ class FrameLinearization:
         displacement = self.by_model_error * growth.grown
         return displacement.T @ self.weighed, displacement.T @ self.solve(displacement)
 
+    def errors_after(self, root: Array) -> Array:
+        """Return what errors before the frame contribute to unknowns after it, as rows of a root.
+
+        root (n, unknowns): rows before the frame.
+        """
+        return np.asarray(root - self.solve(self.jacobian @ root.T).T @ self.jacobian)
+
     def newton_step(self) -> tuple[Array, float]:
         """Return the step (unknowns,) in xi to the minimum of the cost, and its gain."""
         return self.step, self.gain

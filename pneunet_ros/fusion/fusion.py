@@ -55,7 +55,7 @@ from pneunet_ros.fusion.readings import (
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
-from pneunet_ros.fusion.weighing import estimate_walk, is_copy, take, weigh
+from pneunet_ros.fusion.weighing import estimate_walk, is_copy, kept_force_errors, take, weigh
 from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
@@ -636,7 +636,8 @@ class Fusion:
         """Return the belief after a frame, with the estimated force walk and moved targets."""
         update, unknowns = updated.update, self.model.unknowns
         if self.model.of(updated.after.causes).swinging is None:
-            belief = with_walk(unknowns, updated.before, updated.after)
+            kept = kept_force_errors(self.model, updated)
+            belief = with_walk(unknowns, updated.before, updated.after, kept)
         else:
             belief = replace(updated.after, walk=estimate_walk(updated))
         known = unknowns.block(Placement).known is not None and TARGETS not in belief.causes

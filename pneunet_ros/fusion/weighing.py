@@ -11,8 +11,17 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.fusion.belief import Belief, CONTACT, first_belief, FORCE_SENSOR, MOTION, PRESSURE
+from pneunet_ros.fusion.belief import (
+    Belief,
+    CONTACT,
+    first_belief,
+    FORCE_SENSOR,
+    forces_of,
+    MOTION,
+    PRESSURE,
+)
 from pneunet_ros.fusion.causes import (
     Alternative,
     Cause,
@@ -72,6 +81,19 @@ def estimate_walk(updated: HypothesisUpdate) -> Walk:
     force = updated.problem.unknowns.block(TipForce)
     after = force.estimate_walk(walk, *information, seconds, updated.before.frames)
     return replace(after, most_likely=walk.recent)
+
+
+def kept_force_errors(model: PreparedModel, updated: HypothesisUpdate) -> Array | None:
+    """Return what errors before a frame contribute to the forces after it, (forces, errors).
+
+    None without a fit. None also if a force is read: its update has new errors.
+    """
+    fit = updated.update.fit
+    if fit is None or model.used(updated.frame, updated.before.causes).wrench is not None:
+        return None
+    problem, linear = fit
+    rows = problem.root[forces_of(problem.unknowns)]
+    return linear.errors_after(rows)[:, : updated.before.root.shape[1]]
 
 
 def with_estimated_walk(model: PreparedModel, updated: HypothesisUpdate) -> Belief:

@@ -170,6 +170,22 @@ def test_the_walk_rises_at_once_and_falls_slowly():
     assert with_walk(UNKNOWNS, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk.recent < 0.05
 
 
+def test_an_error_common_to_two_frames_explains_no_change_of_the_force():
+    start = believed()
+    root = np.zeros((start.mean.size, 2))
+    root[0] = 0.05, 1e-4  # N: of a direction of gravity, and of the targets of this frame alone
+    root[1] = 0.0, 1e-4
+    start = replace(start, root=root, frames=1, walk=Walk(recent=1e-3, usual=1e-3))
+    mean = start.mean + np.eye(start.mean.size)[0] * 0.02
+    after = replace(start, stamp_ns=start.stamp_ns + SECOND // 10, mean=mean)
+    assert with_walk(UNKNOWNS, start, after).walk.recent < 2e-3
+    kept = np.zeros((3, 2))
+    kept[0, 0] = 0.05
+    found = with_walk(UNKNOWNS, start, after, kept)
+    assert found.walk.recent == pytest.approx(0.02 / np.sqrt(0.1), rel=0.01)
+    assert found.walk.usual > with_walk(UNKNOWNS, start, after).walk.usual
+
+
 @pytest.mark.parametrize('period', [0.02, 0.1, 0.5])
 def test_a_force_that_moves_steadily_is_held_where_frames_come_late(period):
     speed = 0.03  # N/s: it stays small beside the largest force

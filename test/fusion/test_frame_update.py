@@ -146,6 +146,9 @@ def test_the_posterior_is_that_of_the_information_form(problem):
     found = after.root @ after.root.T
     np.testing.assert_allclose(found / scale / scale[:, None],
                                covariance / scale / scale[:, None], atol=1e-6)  # fmt: skip
+    kept = fit.errors_after(problem.root) @ problem.root.T
+    np.testing.assert_allclose(kept / scale / scale[:, None],
+                               covariance / scale / scale[:, None], atol=1e-6)  # fmt: skip
     tip = problem.unknowns.at(TipForce)
     off = after.mean[tip] - FORCE
     assert off @ np.linalg.solve(found[tip, tip], off) < 13.8  # chi squared of 2, 1e-3
