@@ -19,6 +19,7 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     first_belief,
     FORCE_SENSOR,
+    LASTING,
     MIRRORED,
     MOTION,
     PRESSURE,
@@ -251,10 +252,20 @@ class TiltCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try a base that tilted since the last frame, or that was tilted from the start."""
-        tilt = model.unknowns.block(Tilt)
-        priors = model.unknowns.at(Tilt), tilt.std, tilt.tilted_std, np.zeros(tilt.std.size)
-        yield from recent_or_initial(model, updated, self, priors)
+        """Try a base that tilted since the last frame, or that was tilted from the start.
+
+        The latter begins anew: a contact or a swing explained the tilt until now, so what frames
+        taught of all other unknowns is wrong as well.
+        """
+        tilt, where = model.unknowns.block(Tilt), model.unknowns.at(Tilt)
+        before = updated.before
+        now = widen(before, where, tilt.tilted_std)
+        yield update_from(model, updated, replace_causes(now, self.name)), 0.0
+        earlier = self.log_odds_so_far(model, updated.after)
+        if earlier > 0.0:
+            lasting = before.causes & LASTING - {MOTION}
+            first = first_belief(model.unknowns, before.stamp_ns, lasting | {self.name})
+            yield update_from(model, updated, widen(first, where, tilt.tilted_std)), earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
