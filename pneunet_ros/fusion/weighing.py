@@ -252,16 +252,17 @@ def smoothness_of_loads(
 
     A swinging arm averages this noise, because its mass makes the motion smooth. That is no
     evidence for a mass, because loads are smooth as well. Where the force is read and the frame is
-    explained without a contact, the prediction therefore counts as sharp as with known loads, or
+    explained, the prediction therefore counts as sharp as with known loads, or without a contact
     as with a swing, and the targets test the reading, which a swing only follows. All hypotheses
     of an arm at rest gain this. evidence: that of `evidence_comparable_with_swings`.
     """
-    if not swings or not is_at_rest(updated) or updated.after.touched or updated.misfits:
+    if not swings or not is_at_rest(updated) or updated.misfits:
         return 0.0
     if model.used(updated.frame, updated.before.causes).wrench is None:
         return 0.0
-    sharpest = max(one.log_sharpness for one in swings)
-    sharpest = max(sharpest, updated.log_sharpness_given_loads)
+    sharpest = updated.log_sharpness_given_loads
+    if not updated.after.touched:  # the freedom of a contact stays its own cost
+        sharpest = max(sharpest, *(one.log_sharpness for one in swings))
     smooth = updated.log_evidence + max(sharpest - updated.log_sharpness, 0.0) + 0.5 * FREE
     return max(smooth - evidence, 0.0)
 
