@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache, partial
+import math
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ from pneunet_ros.fusion.causes import (
     PressureCause,
     TARGETS,
     TargetsCause,
+    TILT,
+    TiltCause,
     with_posterior,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
@@ -33,7 +36,7 @@ from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.fusion.weighing import led_without
 from pneunet_ros.lab.lab_arm import vary_arm
-from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
+from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabGravity, LabHysteresis
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
@@ -689,6 +692,22 @@ def test_a_camera_that_was_turned_before_the_start_is_found():
     assert moved[-1]
     covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
     assert covered(found.tip_error[moved], covariance[moved]) > 0.9
+
+
+def test_what_a_tilt_taught_before_it_was_found_is_forgotten():
+    """Along a straight arm a contact explains it, and at first nothing else does."""
+    arm = recorded().scenario.arm
+    tilted = LabGravity(weight_y=-math.sin(math.radians(10.0)) * arm.weight / arm.length)
+    found = fuse(calibrated(), effects=(tilted,), frames=range(130))
+    told = np.array([TiltCause.sentence in one.estimate.warnings for one in found.estimates])
+    first = int(np.argmax(told))
+    assert 0 < first < 80 and told[first:].all()
+    assert found.state.certain_causes == {TILT}
+    covariance = np.array([one.force_covariance for one in found.estimates])[first:]
+    error = found.force_error[first:]
+    known = np.isfinite(error).all(axis=1)
+    assert np.mean(known) > 0.5
+    assert covered(error[known], covariance[known]) > 0.9
 
 
 def test_a_camera_that_stays_is_never_taken_for_moved():
