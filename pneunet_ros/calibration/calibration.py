@@ -123,6 +123,7 @@ def calibrate(
         RecordingError: the recordings do not fit the experiments.
     """
     clocks, rounds = dict[str, CameraClock](), 0
+    as_stamped: Calibration | None = None
     settled: tuple[Calibration, dict[str, CameraClock]] | None = None
     while True:
         found = calibrate_as_stamped(
@@ -135,8 +136,9 @@ def calibrate(
             on_progress=on_progress,
             declared=declared,
         )
+        as_stamped = as_stamped or found
         # The rest of a swing, an unconverged fit or a model error may look like a drifting clock:
-        # only a better fit with the new stamps confirms it.
+        # only a better fit with the new stamps confirms it, and in the end one as good as noise.
         if settled is not None and not clock_improves_fit(found.joint, settled[0].joint):
             found, clocks = settled
             break
@@ -153,6 +155,8 @@ def calibrate(
             [correct_stamps(run, corrections.get(run.name)) for run in part]
             for part in (unloaded, loaded)
         )
+    if clocks and not found.joint.as_noise:  # a model error, as hysteresis or creep
+        found, clocks = as_stamped, {}
     clock_notes = tuple(clock.sentence for clock in clocks.values())
     return replace(found, notes=(*clock_notes, *found.notes)) if clock_notes else found
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from pneunet_ros.calibration.parameters import Parameters, PosteriorState, reference_of
+from pneunet_ros.calibration.settings import CONSISTENCY
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.model.arm import Arm
@@ -44,6 +46,16 @@ class Fit:
     def arm(self) -> Arm:
         """The arm with the fitted values."""
         return self.parameters.arm(self.values)
+
+    @property
+    def noise_ratio(self) -> float:
+        """The rms of the whitened residual; 1 = noise only."""
+        return math.sqrt(self.chi_squared / max(self.dof, 1))
+
+    @property
+    def as_noise(self) -> bool:
+        """Whether the residual is as small as noise alone."""
+        return self.noise_ratio <= CONSISTENCY.as_noise
 
     @property
     def all_information(self) -> Array:

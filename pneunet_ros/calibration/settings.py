@@ -24,6 +24,11 @@ class PreconditionSettings:
 class SameArmSettings:
     """Criteria for recordings of the same arm: one unloaded shape per pressure."""
 
+    as_noise: float = tuning(
+        1.2,
+        'largest ratio of residual to noise that counts as consistent with noise',
+        source='sweep',
+    )
     two_arms: float = tuning(
         0.03,
         'smallest significant distance of two arms; twice as much if no recording shows the '

@@ -9,13 +9,8 @@ from pneunet_ros.core.settings import tuning
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSettings:
-    """Tuning constants of figures and tables: significance and agreement."""
+    """Tuning constants of figures and tables: agreement."""
 
-    as_noise: float = tuning(
-        1.2,
-        'largest ratio of residual to noise that counts as consistent with noise',
-        source='sweep',
-    )
     hidden_under_load: float = tuning(
         6.0,
         'largest ratio of the residuals of loaded recordings to those of unloaded ones that '

@@ -97,22 +97,25 @@ class Found:
         ((20.0, 3.0), 0, 1.0, 1),
         ((-50.0,), 0, 1.0, 0),
         ((20.0,), 2000, 1.0, 0),
-        ((20.0,), 0, 5.4, 0),
-        ((40.0,), 0, 5.4, 1),
+        ((6.0,), 0, 1.4, 0),
+        ((8.0,), 0, 1.4, 1),
+        ((40.0,), 0, 1.7, 0),  # hysteresis: better than before, but not by the noise alone
+        ((40.0, 40.0), 0, (5.0, 1.7, 1.0), 2),
     ],
 )
-def test_stamps_are_corrected_where_that_makes_the_fit_more_probable(
+def test_stamps_are_corrected_where_that_makes_the_fit_as_good_as_the_noise(
     monkeypatch, gains, lost, misfit, corrected
 ):
     fit, clock = drifting(0, 0.02, -3e-3)
     runs, evidence = [item.run for item in fit.runs], fit.log_evidence
     evidences = np.concatenate([[evidence], evidence + np.cumsum(gains)])
+    misfits = np.broadcast_to(misfit, evidences.shape)
     fits = [
         replace(
             fit,
             log_evidence=float(value),
             dof=fit.dof - lost * (which > 0),
-            chi_squared=misfit * fit.dof,
+            chi_squared=float(misfits[which]) * fit.dof,
             converged=True,
         )
         for which, value in enumerate(evidences)

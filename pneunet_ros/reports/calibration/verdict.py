@@ -79,7 +79,7 @@ def verdict_of(calibration: Calibration, *, files: Files = UNKNOWN_FILES) -> Ver
 
 def exceeds_noise(calibration: Calibration) -> bool:
     """Whether the residuals exceed the noise or are correlated along the arm."""
-    return noise_ratio(calibration.joint) > REPORT_SETTINGS.as_noise or varies(calibration)
+    return not calibration.joint.as_noise or varies(calibration)
 
 
 def fit_sentence(calibration: Calibration) -> Note:
@@ -95,15 +95,15 @@ def fit_sentence(calibration: Calibration) -> Note:
     )
     if math.isnan(rms):
         size = f'{math.degrees(heading_rms(fit.runs)):.2g} degrees rms of the heading of the tip'
-    times = noise_ratio(fit)
-    if times <= REPORT_SETTINGS.as_noise and varies(calibration):
+    times = fit.noise_ratio
+    if fit.as_noise and varies(calibration):
         return Note(
             f'The model does not fit: {size}, no more than the noise of single targets, but the '
             'errors of neighboring targets are correlated: the stiffness seems to vary along the '
             'arm in a way that the moment law does not allow.',
             reason='uneven_stiffness',
         )
-    if times <= REPORT_SETTINGS.as_noise:
+    if fit.as_noise:
         larger = loaded_residual_ratio(fit)
         if larger <= REPORT_SETTINGS.hidden_under_load and times < BELOW_NOISE:
             return Note(
@@ -169,11 +169,6 @@ def residual_rms(fit: Fit) -> float:
     return root_mean_square(
         np.concatenate([item.residual[item.solved].ravel() for item in fit.runs])
     )
-
-
-def noise_ratio(fit: Fit) -> float:
-    """Return the rms of the whitened residual; 1 = noise only."""
-    return math.sqrt(fit.chi_squared / max(fit.dof, 1))
 
 
 def bending_stiffness(fit: Fit) -> list[BendingStiffness]:
