@@ -10,6 +10,7 @@ from pneunet_ros.calibration.checks.consistency import (
     check_same_arm,
     describe_misfit,
     describe_pressure_noise,
+    has_rested,
     outlier_recordings,
     tip_distance,
 )
@@ -219,6 +220,21 @@ def test_a_film_whose_stamps_are_early_shows_no_other_arm(monkeypatch):
     assert without is not None
     assert without > 0.06 * PAPER.length
     check_same_arm(early, PAPER.length)
+
+
+def test_quick_steps_of_a_late_film_and_a_slow_ramp_are_one_arm():
+    levels = np.repeat([0.0, 5e4, 1e4, 6e4, 2e4, 3e4], 15)
+    steps = made(PAPER, levels, noise=USUAL, name='steps')
+    # Each frame shows what was two frames before: 0.2 s, the most for camera_delay.
+    late = replace(steps, x=np.roll(steps.x, 2, 0), y=np.roll(steps.y, 2, 0))
+    up = np.linspace(0.0, 6e4, 150)
+    ramp = made(PAPER, np.concatenate([up, up[::-1]]), noise=USUAL, name='ramp', start=900)
+    top = float(up.max())
+    assert has_rested(late, top).sum() > consistency.FEWEST_PAIRS > has_rested(ramp, top).sum()
+    check_same_arm([late, ramp], PAPER.length)
+    stranger = made(other_arm(0.85), up, noise=USUAL, name='stranger', start=1900)
+    with refused(RecordingError, 'inconsistent'):
+        check_same_arm([late, stranger], PAPER.length)
 
 
 def test_one_recording_or_none_in_common_is_one_arm():

@@ -33,7 +33,7 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
 
     length (m) of the arm. Hysteresis and creep make an arm differ from itself: this difference is
     measured where a recording returns to a pressure. Because of the tube, a moving arm lags behind
-    its sensor, so only frames after a rest are compared if there are enough.
+    its sensor, so of a run with enough frames after a rest only these are compared.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     self_distances = [tip_distance(run, run, top) for run in unloaded]
@@ -60,7 +60,9 @@ def tip_distance(one: RecordingData, other: RecordingData, top: float) -> float 
     (Pa).
     """
     first, second = chord(one), chord(other)
-    rested = [has_rested(run, top) for run in (one, other)]
+    frames = [has_rested(run, top) for run in (one, other)]
+    # A slow ramp never rests: compare it with the rested frames of the other run.
+    rested = [item if item.sum() >= FEWEST_PAIRS else np.ones_like(item) for item in frames]
     found, resting = list[Array](), list[npt.NDArray[np.bool_]]()
     for frame in range(len(one.stamp_ns)):  # all pairs at once do not fit into the memory
         pressure_change = np.abs(other.frame_pressure - one.frame_pressure[frame])
