@@ -198,8 +198,16 @@ class CameraCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try a camera that moved since the last frame, or that was misplaced from the start."""
-        yield from recent_or_initial(model, updated, self, self.priors(model))
+        """Try a camera that moved since the last frame, or that was misplaced from the start.
+
+        The latter only if the frames so far support it.
+        """
+        where, stayed, moved, center = self.priors(model)
+        now = widen(updated.before, where, moved)
+        yield update_from(model, updated, replace_causes(now, self.name)), 0.0
+        if self.log_odds_so_far(model, updated.after) > 0.0:
+            initial, earlier = with_prior(updated.after, where, stayed, moved, center)
+            yield with_posterior(updated, replace_causes(initial, self.name)), earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -429,29 +437,6 @@ def extended(known: Belief, first: Belief) -> Belief:
     return replace(
         known, mean=freeze(mean), root=freeze(root), causes=first.causes, walk=first.walk
     )
-
-
-def recent_or_initial(
-    model: PreparedModel,
-    updated: HypothesisUpdate,
-    cause: Cause,
-    priors: tuple[slice, Array, Array, Array],
-) -> Iterator[Alternative]:
-    """Yield the frame with a wider prior of some unknowns, since the last frame or from the start.
-
-    The latter only if the frames so far support it. priors: indices of the unknowns, one sigma of
-    the prior of the belief, one sigma of the wide prior, and the mean of both.
-    """
-    where, _, wide_std, _ = priors
-    yield (
-        update_from(
-            model, updated, replace_causes(widen(updated.before, where, wide_std), cause.name)
-        ),
-        0.0,
-    )
-    if cause.log_odds_so_far(model, updated.after) > 0.0:
-        initial, earlier = with_prior(updated.after, *priors)
-        yield with_posterior(updated, replace_causes(initial, cause.name)), earlier
 
 
 def log_odds_beyond(
