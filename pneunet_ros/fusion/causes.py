@@ -324,8 +324,8 @@ class PressureCause(Cause):
     rarity: ClassVar = 2.0
     sentence: ClassVar = (
         'ignoring the pressure sensor: it disagrees with the targets. Check for a '
-        'frozen reading, the unit, the zero offset and the valve, then reset; if the '
-        'sensor is right, run pneunet diagnose'
+        'frozen reading, the unit, the zero offset, the valve and the clocks (frames lost from a '
+        'film, late stamps), then reset; if all are right, run pneunet diagnose'
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
