@@ -138,6 +138,16 @@ def test_frames_beside_a_load_are_without_it():
     assert noise_floor(own(), [beside], sensors) == noise_floor(own(), [before], sensors)
 
 
+def test_a_known_load_makes_no_noise_from_frame_to_frame():
+    force = np.tile([0.1, 0.05], (FRAMES, 1))
+    run = made(own(), np.linspace(0.0, 60e3, FRAMES), force, noise=NOTHING)
+    sensors = replace(NOTHING, target_std=1e-4, force_std=5e-3)
+    exact = replace(sensors, force_std=0.0)
+    known = replace(run, load_known=True)
+    assert noise_floor(own(), [known], sensors) == noise_floor(own(), [run], exact)
+    assert noise_floor(own(), [run], sensors)[0] > 2.0 * noise_floor(own(), [known], sensors)[0]
+
+
 def test_what_an_arm_remembers_is_carried_from_run_to_run():
     arm = replace(own(), effects=(PressureLag(time_constant=2.0),), covariance=None)
     runs = [run.thin(FRAMES) for run in recorded()[:2]]

@@ -224,13 +224,16 @@ def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorN
     """Return one sigma (m) of every measured coordinate, (frames, 2, targets).
 
     Includes white noise, placement, and the interpolated noise of force and pressure readings; NaN
-    where a target was not seen or a frame has no equilibrium. Do not use it for a fit: an error of
-    a reading moves all targets of a frame together. For a fit use `reading_errors`, which also
-    allows for a delayed load and for noise that is not white.
+    where a target was not seen or a frame has no equilibrium. A known load has no noise; its error
+    is the same in every frame. Do not use it for a fit: an error of a reading moves all targets of
+    a frame together. For a fit use `reading_errors`, which also allows for a delayed load and for
+    noise that is not white.
     """
     model = ForwardModel(arm.target_arclength)
     seen = run.seen & model.solve(arm, inputs)[:, None]
     loads = attached_std(noise, replace(run, wrench_stamp_ns=None, wrench=None))
+    if run.load_known:
+        loads = np.zeros_like(loads)
     pressure_stds = np.full(len(run.stamp_ns), noise.pressure_std)
     if not run.static:
         pressure_stds *= interpolated_noise(run.instants, run.reading_stamp_ns)
