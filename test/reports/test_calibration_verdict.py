@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 import shlex
 
+import numpy as np
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.reports.calibration.verdict import (
     bending_stiffness,
     Files,
@@ -90,3 +92,28 @@ def test_a_stiffness_stands_with_its_error(value, std, text):
 def test_a_pressure_that_is_a_little_below_zero_is_shown_as_zero():
     (item, *_) = bending_stiffness(calibration().joint)
     assert stiffness_text([replace(item, pressure=-30.0)]).endswith(', at 0 kPa')
+
+
+def test_a_single_stiffness_is_said_at_no_pressure():
+    joint = calibration().joint
+    given, law = joint.arm, joint.parameters.law
+    single = MOMENT_LAW_PARAMETERS['linear'](
+        stiffness=1.3e-4, low=law.low, high=law.high, length=given.length, weight=given.weight
+    )
+    table = joint.values.size - law.mean.size
+    linear = replace(
+        joint,
+        parameters=replace(joint.parameters, law=single),
+        values=np.append(joint.values[:table], 1.3e-4),
+        covariance=np.diag(np.append(np.zeros(table), 1e-12)),
+    )
+    (item,) = bending_stiffness(linear)
+    assert (item.pressure, item.std) == (None, pytest.approx(1e-6))
+    assert stiffness_text([item]).startswith('(1.3000 ± 0.0100)e-4 N m^2, one number for all')
+    assert 'kPa' not in stiffness_text([item])
+    still = [
+        replace(one, run=replace(one.run, pressure=np.full_like(one.run.pressure, 30e3)))
+        for one in linear.runs
+    ]
+    (beam,) = bending_stiffness(replace(linear, runs=still))
+    assert stiffness_text([beam]).endswith(' kPa')

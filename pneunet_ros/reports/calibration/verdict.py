@@ -9,12 +9,14 @@ import shlex
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.checks.preconditions import has_one_pressure
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import root_mean_square
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.measurement.tip_pose import heading_residual
+from pneunet_ros.model.moment_law import LinearLaw
 from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 from pneunet_ros.solver.columns import THETA
@@ -52,12 +54,15 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BendingStiffness:
-    """EI (N m^2) of a section ('': the whole arm) at a pressure (Pa), with its std."""
+    """EI (N m^2) of a section ('': the whole arm) at a pressure (Pa), with its std.
+
+    pressure: None if one number stands for all pressures.
+    """
 
     section: str
     value: float
     std: float
-    pressure: float
+    pressure: float | None
 
 
 def verdict_of(calibration: Calibration, *, files: Files = UNKNOWN_FILES) -> Verdict:
@@ -172,15 +177,20 @@ def residual_rms(fit: Fit) -> float:
 
 
 def bending_stiffness(fit: Fit) -> list[BendingStiffness]:
-    """Return EI of each section in the middle of the pressures; none without loaded recordings."""
+    """Return EI of each section in the middle of the pressures; none without loaded recordings.
+
+    A single stiffness fitted at several pressures belongs to none of them.
+    """
     if not any(item.run.loaded for item in fit.runs):
         return []
     middle = 0.5 * sum(fit.arm.pressure_range)
+    single = isinstance(fit.arm.moment_law, LinearLaw)
+    of_all = single and not has_one_pressure([item.run for item in fit.runs], fit.arm)
     view, scale = law_view(fit, np.array([middle])), fit.arm.weight * fit.arm.length**2
     values, stds = (scale * item[0] for item in (view.rigidity, view.rigidity_std))
     names = SECTIONS if values.size > 1 else ('',)
     return [
-        BendingStiffness(section=name, value=value, std=std, pressure=middle)
+        BendingStiffness(section=name, value=value, std=std, pressure=None if of_all else middle)
         for value, std, name in zip(values.tolist(), stds.tolist(), names, strict=True)
     ]
 
@@ -188,7 +198,13 @@ def bending_stiffness(fit: Fit) -> list[BendingStiffness]:
 def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
     """Describe EI of each section with its standard error."""
     texts = [f'{one_stiffness(item)} {item.section}'.rstrip() for item in stiffness]
-    return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):z.0f} kPa'
+    pressure = stiffness[0].pressure
+    if pressure is None:
+        return (
+            f'{texts[0]}, one number for all pressures (near that where the loads bend the arm '
+            'most; the error leaves out its change with pressure)'
+        )
+    return f'{" and ".join(texts)}, at {kilopascals(pressure):z.0f} kPa'
 
 
 def one_stiffness(item: BendingStiffness) -> str:
