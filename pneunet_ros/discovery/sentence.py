@@ -19,8 +19,9 @@ def law_sentence(
     """Describe the kind of cause, its position, and the law of its amplitude."""
     words = terms_words(kind, terms)
     sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
+    opening = clause(kind, location)
     return (
-        f'{opening(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
+        f'{opening[:1].upper()}{opening[1:]}: the {kind.amplitude} {words} ({sizes}).'
         f'{describe_ties(tied)} This is a proposal until other recordings confirm it.'
     )
 
@@ -28,15 +29,15 @@ def law_sentence(
 def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
-    """Describe an oscillating cause: its kind and period; no measurement predicts it."""
+    """Describe an oscillating cause: its kind and period; nothing tried predicts it."""
     size = f'{swing.size * kind.prior:.2g} {kind.unit}'
     changes = f'varies without a period, over about {swing.period:.2g} s ({size} rms)'
     if swing.periodic:
         grows = ' and grows with the pressure' if swing.modulation != CONSTANT else ''
         changes = f'oscillates with a period of {swing.period:.3g} s{grows} (up to {size})'
     return (
-        f'{opening(kind, location)}: the {kind.amplitude} {changes}.{describe_ties(tied)} It '
-        'depends on no measured quantity, so no model can predict it.'
+        f'It looks as if {clause(kind, location)}: the {kind.amplitude} {changes}.'
+        f'{describe_ties(tied)} None of the quantities tried predicts it.'
     )
 
 
@@ -46,19 +47,19 @@ def drift_sentence(
     """Describe a cause that depends on the time since the start of a recording."""
     words = terms_words(kind, terms)
     return (
-        f'{opening(kind, location)}: the {kind.amplitude} {words}.{describe_ties(tied)} The time '
-        'since the start of a recording is not a sensor reading, so no model can use it.'
+        f'It looks as if {clause(kind, location)}: the {kind.amplitude} {words}.'
+        f'{describe_ties(tied)} The time since the start of a recording is not a sensor reading, '
+        'so no model can use it.'
     )
 
 
-def opening(kind: Kind, location: Estimated | None) -> str:
-    """Return the beginning of the sentence: kind and position."""
-    subject = kind.subject[:1].upper() + kind.subject[1:]
+def clause(kind: Kind, location: Estimated | None) -> str:
+    """Return what happens, and where."""
     if location is None:
-        return subject
+        return kind.subject
     digits = 2 if location.std >= 0.005 else 3
     value, std = round(location.value, digits), max(round(location.std, digits), 0.001)
-    return f'{subject}, at {value:.{digits}f} of its length (± {std:.{digits}f})'
+    return f'{kind.subject}, at {value:.{digits}f} of its length (± {std:.{digits}f})'
 
 
 def term_words(kind: Kind, name: str) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import itertools
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -29,9 +30,9 @@ PERIODS = 160  # to try, evenly spaced in frequency
 class Swing:
     """An oscillation: its period (s) and error, the modulation of its amplitude, and its gain.
 
-    periodic: if False, `period` is the correlation time. size and size_std: rms amplitude over the
-    runs, in units of the kind's prior, at the largest modulation; factors (frames, n): columns of
-    each run, such as sine and cosine.
+    periodic: if False, `period` is the correlation time, and size_std NaN. size and size_std: rms
+    amplitude over the runs, in units of the kind's prior, at the largest modulation; factors
+    (frames, n): columns of each run, such as sine and cosine.
     """
 
     period: float
@@ -140,7 +141,7 @@ def find_aperiodic(
         period_std=0.5 * time,
         modulation=CONSTANT,
         size=float(np.sqrt(np.mean(course**2))) / prior,
-        size_std=0.0,
+        size_std=math.nan,
         left_out_gain=combined[time].left_out_gain(runs, prior * std) - LAW.least_gain,
         factors=[prior * root for root in roots],
         std=std,

@@ -56,6 +56,8 @@ def test_of_what_goes_by_itself_it_is_said_that_nothing_predicts_it():
         std=0.1,
     )
     sentence = swing_sentence(KINDS['chamber_pressure'], None, swing, ())
+    assert sentence.startswith('It looks as if the pressure in the chamber differs from its ')
+    assert sentence.endswith(' None of the quantities tried predicts it.')
     assert ' 12.6 s' in sentence
     wandering = replace(swing, period=9.0, periodic=False)
     sentence = swing_sentence(KINDS['push'], PLACE, wandering, ())
