@@ -61,7 +61,10 @@ def describe_verdict(
             )
         case 'unknown':
             closest = ' The notes name the closest one.' if verdict.notes else ''
-            return f'The model lacks an effect, and no effect of the library explains it.{closest}'
+            return (
+                'No effect of the library explains the misfit: the model lacks another one, or '
+                f'the noise is correlated from frame to frame (smoothed tracks).{closest}'
+            )
         case 'named':
             gained = describe_gain(verdict.trial.record, before.rms, after.rms, noise)
             return f'The model lacks {names}: {gained}'

@@ -182,8 +182,8 @@ class PersistentErrors:
         if self.noise_left:
             return 'the same model with other parameters would fit: recalibrate'
         return (
-            'the arm has changed, or an effect is missing in the model. Recalibrate, and run '
-            'pneunet diagnose on the new recordings'
+            'the arm has changed, an effect is missing in the model, or the noise is correlated '
+            'from frame to frame. Recalibrate, and run pneunet diagnose on the new recordings'
         )
 
 

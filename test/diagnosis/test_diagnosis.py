@@ -346,6 +346,13 @@ def test_a_name_that_is_not_confirmed_is_said_to_explain():
     )
 
 
+def test_what_no_effect_explains_may_be_noise():
+    same = SimpleNamespace(rms=1e-3, held_out=())
+    found = Verdict(answer='unknown', trial=SimpleNamespace(names=()))
+    said = describe_verdict(found, same, same, (1e-3, 1e-5))
+    assert said.endswith(', or the noise is correlated from frame to frame (smoothed tracks).')
+
+
 def test_what_is_too_faint_beside_a_strong_effect_is_said_without_a_name():
     best = SimpleNamespace(names=('hysteresis',), record=SimpleNamespace(gain=20000.0))
     faint = SimpleNamespace(name='camera_scale', gain=200.0)

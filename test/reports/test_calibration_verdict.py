@@ -34,6 +34,7 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     poor = replace(found, joint=replace(found.joint, chi_squared=9.0 * found.joint.dof))
     verdict = verdict_of(poor)
     assert (verdict.fit.reason, '(3 times' in verdict.fit) == ('misfit', True)
+    assert 'is missing, or the noise is correlated' in verdict.fit
     assert verdict.command.split()[1] == 'diagnose'
     assert '--model m.yaml' in verdict_of(poor, files=Files(model='m.yaml')).command
 

@@ -125,8 +125,9 @@ def describe_misfit(fit: Fit) -> list[Note]:
     return [
         Note(
             f'the model misses {missed} '
-            f'{np.sqrt(chi_squared):.2g} times the noise: an effect is missing, and the standard '
-            'errors are too small. Run `pneunet diagnose`',
+            f'{np.sqrt(chi_squared):.2g} times the noise: an effect is missing, or the noise is '
+            'correlated from frame to frame (smoothed tracks). The standard errors are too small. '
+            'Run `pneunet diagnose`',
             reason='misfit',
         )
     ]

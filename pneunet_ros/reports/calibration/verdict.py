@@ -41,7 +41,7 @@ UNKNOWN_FILES = Files()
 class Verdict:
     """Quality of the fit, accuracy of its parameters, and the next step.
 
-    fits: False if there is no model, or if an effect is missing in it. command: of the next step,
+    fits: False if there is no model, or if it misses more than noise. command: of the next step,
     with placeholders in capitals.
     """
 
@@ -126,7 +126,7 @@ def fit_sentence(calibration: Calibration) -> Note:
         )
     return Note(
         f'The model does not fit: {size}, worse than the noise ({times:.2g} times it). An effect '
-        'is missing.',
+        'is missing, or the noise is correlated from frame to frame (smoothed tracks).',
         reason='misfit',
     )
 
@@ -240,7 +240,7 @@ def next_steps(calibration: Calibration, loaded: bool, files: Files) -> tuple[st
         )
     if exceeds_noise(calibration):
         return (
-            'Find the missing effect; hold one recording out.',
+            'Look for a missing effect; hold one recording out.',
             f'pneunet diagnose --model {model} --train {names} --heldout FRESH.mcap --output DIR',
         )
     if not loaded:

@@ -18,7 +18,7 @@ ANSWERS = {
     'none': 'none: the residuals are consistent with noise',
     'named': 'named: it explains the misfit, and no test contradicts it',
     'inseparable': 'inseparable: several effects cannot be distinguished with these data',
-    'unknown': 'unknown: an effect is missing, but no effect of the library can be named',
+    'unknown': 'unknown: more than noise is left, but no effect of the library can be named',
     'unobservable': 'unobservable: these recordings cannot show whether an effect is missing',
 }
 WITHIN_LAW = 'no, but within the error of its law'
