@@ -13,8 +13,8 @@ from pneunet_ros.calibration.checks.preconditions import (
     check_clamp,
     check_targets,
     check_units,
+    is_under_load,
     largest_force,
-    UNLOADED_FORCE,
 )
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.image import Image
@@ -162,10 +162,10 @@ class UseAttempts:
         find_series(self.recording, PRESSURE, self.overrides)
         run, found = self.reads_in_base()
         arm, (data,) = with_tip_target(self.request.arm, [run])
-        idle = UNLOADED_FORCE * arm.weight
-        if data.loaded and (force := largest_force(data)) > idle:
+        if is_under_load(data, arm):
             raise RecordingError(
-                f'its end force reaches {force:.3g} N: it is a loaded recording', reason='loaded'
+                f'its end force reaches {largest_force(data):.3g} N: it is a loaded recording',
+                reason='loaded',
             )
         check_runs_at_rest([data], [], arm, declared=self.request.settings.judged_pressure)
         return by_tip(data, found)

@@ -18,6 +18,7 @@ from pneunet_ros.calibration.checks.preconditions import (
     check_different_loads,
     check_meaning,
     check_runs,
+    check_unloaded,
 )
 from pneunet_ros.calibration.motion.swinging_run import has_constant_inputs
 from pneunet_ros.calibration.result import Fit
@@ -166,6 +167,32 @@ def test_loads_that_differ_by_their_moment_are_different():
     check_different_loads([bent(one, moment=moment)], PAPER)
     with refused(RecordingError, 'one_load'):
         check_different_loads([bent(one, moment=noise)], PAPER)
+
+
+def test_a_known_load_is_a_load_however_heavy_the_arm():
+    heavy = replace(PAPER, weight=100.0 * PAPER.weight)
+    check_unloaded(FREE[0].with_end_load(0.0, 0.0), heavy)
+    with refused(RecordingError, 'loaded'):
+        check_unloaded(FREE[0].with_end_load(0.05, 0.0), heavy)
+
+
+def test_noise_of_a_force_sensor_is_no_load_of_a_light_arm():
+    light = replace(PAPER, weight=0.04, sensors=USUAL)
+    offset = 0.1 * light.weight
+    read = bent(FREE[0], loaded=True, force=np.zeros_like(FREE[0].force))
+    noise = 1.5 * USUAL.force_std * np.random.default_rng(3).standard_normal(read.force.shape)
+    noisy = bent(read, force=noise + np.array([offset, 0.0]))
+    assert np.abs(noisy.force).max() > 0.12 * light.weight
+    check_unloaded(noisy, light)
+    # A force that swings about zero, and one of a moment.
+    frames = np.arange(len(noise))
+    swing, touch = np.sin(6.28 * frames / frames.size), frames == 7
+    swept, touched = (
+        bent(read, force=noise + 0.02 * np.outer(course, [1.0, 0.0])) for course in (swing, touch)
+    )
+    for run in (swept, touched):
+        with refused(RecordingError, 'loaded'):
+            check_unloaded(run, light)
 
 
 def other_arm(factor: float):

@@ -223,9 +223,17 @@ def largest_force(run: RecordingData) -> float:
     return float(np.max(np.hypot(*run.force.T)))
 
 
+def is_under_load(run: RecordingData, arm: Arm) -> bool:
+    """Whether an end force is known, or read beyond offset and noise of the force sensor."""
+    if run.load_known:
+        return bool(run.load.any())
+    noise = run.idle_reach() * arm.sensors.force_std
+    return run.loaded and largest_force(run) > UNLOADED_FORCE * arm.weight + noise
+
+
 def check_unloaded(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError if a recording given as unloaded has an end force."""
-    if run.loaded and largest_force(run) > UNLOADED_FORCE * arm.weight:
+    if is_under_load(run, arm):
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
             f'{largest_force(run):.3g} N; remove it from --unloaded (calibrate: list it after '
