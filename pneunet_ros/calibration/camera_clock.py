@@ -66,11 +66,12 @@ class CameraClock:
     def sentence(self) -> Note:
         """Describe the deviation for users."""
         lost = 'lost frames that were not counted' if self.rate < 0.0 else 'a wrong frame rate'
+        side = 'early' if self.delay < 0.0 else 'late'
         return Note(
             f'{self.name}: the camera clock deviates by {1e2 * self.rate:+.2g} ± '
             f'{1e2 * self.rate_std:.1g} % from the pressure clock (halfway, frames are stamped '
-            f'{1e3 * self.delay:.0f} ms late): {lost}? Using corrected times; stamp frames when '
-            'they are exposed',
+            f'{1e3 * abs(self.delay):.0f} ms {side}): {lost}? Using corrected times; stamp frames '
+            'when they are exposed',
             reason='other_clock',
         )
 

@@ -52,6 +52,12 @@ def test_a_clock_that_goes_slow_is_found_beside_the_others(late, rate):
     assert ('lost' in one.sentence) == (rate < 0.0)
 
 
+def test_a_delay_is_said_without_a_minus():
+    clock = CameraClock(name='film', middle_ns=0, delay=-0.132, rate=-1e-2, rate_std=2e-4)
+    assert 'stamped 132 ms early)' in clock.sentence
+    assert 'stamped 132 ms late)' in replace(clock, delay=0.132).sentence
+
+
 def test_a_clock_that_is_late_alone_is_left_to_a_diagnosis():
     assert camera_clocks(drifting(0, 0.03, 0.0)[0], noise()) == {}
 
