@@ -160,7 +160,8 @@ def test_rms_does_not_lead_where_it_cannot_show_what_is_missing():
 
 def test_whether_something_is_missing_is_said_against_noise_alone():
     found, *_ = diagnosis()
-    assert missing_sentence(found).startswith('Yes: ')
+    assert missing_sentence(replace(found, answer='named')).startswith('Yes: ')
+    assert missing_sentence(replace(found, answer='unknown')).startswith('Yes, unless the noise ')
     clean = replace(found, adequacy_before=found.adequacy_after)
     assert missing_sentence(clean).startswith('Yes, ')
     assert not missing_sentence(replace(clean, answer='none')).startswith('Yes')

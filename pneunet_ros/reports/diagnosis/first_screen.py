@@ -31,7 +31,8 @@ def missing_sentence(diagnosis: Diagnosis) -> str:
         f'of the training recordings is {chi_squared:.3g}'
     )
     if test.statistic > test.threshold:
-        return f'Yes: {values}.'
+        unless = ', unless the noise is underestimated' if diagnosis.answer == 'unknown' else ''
+        return f'Yes{unless}: {values}.'
     seen = any(item.evidence > 0.0 for item in diagnosis.evidence)
     if diagnosis.answer == 'none' or (diagnosis.answer == 'unobservable' and not seen):
         return f'Nothing, as far as these recordings show: {values}.'
