@@ -262,18 +262,25 @@ class TiltCause(Cause):
     ) -> Iterator[Alternative]:
         """Try a base that tilted since the last frame, or that was tilted from the start.
 
-        The latter begins anew: a contact or a swing explained the tilt until now, so what frames
-        taught of all other unknowns is wrong as well.
+        The latter begins anew if a contact, a swing or a fault of the force sensor may have
+        explained the tilt until now, because what frames taught of all other unknowns is then
+        wrong as well. Other causes, and a known motion, are not found again along the way.
         """
         tilt, where = model.unknowns.block(Tilt), model.unknowns.at(Tilt)
         before = updated.before
         now = widen(before, where, tilt.tilted_std)
         yield update_from(model, updated, replace_causes(now, self.name)), 0.0
         earlier = self.log_odds_so_far(model, updated.after)
-        if earlier > 0.0:
-            lasting = before.causes & LASTING - {MOTION}
+        if earlier <= 0.0:
+            return
+        if model.swinging is None and before.causes <= LASTING | {CONTACT}:
+            lasting = before.causes & LASTING - {MOTION, FORCE_SENSOR}
             first = first_belief(model.unknowns, before.stamp_ns, lasting | {self.name})
             yield update_from(model, updated, widen(first, where, tilt.tilted_std)), earlier
+            return
+        level, tilted = tilt.std, tilt.tilted_std
+        initial, earlier = with_prior(updated.after, where, level, tilted)
+        yield with_posterior(updated, replace_causes(initial, self.name)), earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

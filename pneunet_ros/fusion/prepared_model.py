@@ -109,7 +109,9 @@ class PreparedModel:
 
     def _moving(self) -> PreparedModel | None:
         """Return the model with a likely inertia; None if it is known, or the stiffness is not."""
-        if self.arm.inertia is not None or self.given is not None or self.stiffness_unknown:
+        if self.arm.inertia is not None or self.given is not None:
+            return None
+        if has_invented_stiffness(self.arm):
             return None
         motion = likely_motion(self.arm)
         return None if motion is None else replace(self, arm=replace(self.arm, motion=motion))

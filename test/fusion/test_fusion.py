@@ -694,11 +694,32 @@ def test_a_camera_that_was_turned_before_the_start_is_found():
     assert covered(found.tip_error[moved], covariance[moved]) > 0.9
 
 
+@cache
+def tilted() -> LabGravity:
+    """Return the weight of the arm on a table that is tilted by 10 degrees."""
+    arm = recorded().scenario.arm
+    return LabGravity(weight_y=-math.sin(math.radians(10.0)) * arm.weight / arm.length)
+
+
+def test_a_tilt_is_found_beside_other_targets_that_were_found_before():
+    truth, places = recorded(tilted()).truth, recorded().scenario.arm.targets
+
+    def closer(frame, seen):
+        moved = [
+            seen_there
+            + np.interp(0.95 * places, truth.arclength, line)
+            - np.interp(places, truth.arclength, line)
+            for seen_there, line in ((seen.x, truth.x[frame]), (seen.y, truth.y[frame]))
+        ]
+        return sightings_at(seen.stamp_ns, *moved)
+
+    found = fuse(calibrated(), effects=(tilted(),), change=closer, frames=range(20))
+    assert found.state.causes >= {TILT, TARGETS}
+
+
 def test_what_a_tilt_taught_before_it_was_found_is_forgotten():
     """Along a straight arm a contact explains it, and at first nothing else does."""
-    arm = recorded().scenario.arm
-    tilted = LabGravity(weight_y=-math.sin(math.radians(10.0)) * arm.weight / arm.length)
-    found = fuse(calibrated(), effects=(tilted,), frames=range(130))
+    found = fuse(calibrated(), effects=(tilted(),), frames=range(130))
     told = np.array([TiltCause.sentence in one.estimate.warnings for one in found.estimates])
     first = int(np.argmax(told))
     assert 0 < first < 80 and told[first:].all()
