@@ -22,7 +22,7 @@ class PreconditionSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SameArmSettings:
-    """Criteria for recordings of the same arm: one unloaded shape per pressure."""
+    """Criteria for a fit as good as the noise, and for recordings of the same arm."""
 
     as_noise: float = tuning(
         1.2,
