@@ -382,9 +382,11 @@ class MirroredCause(Cause):
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the frame can show it.
 
-        False for an arm that swings with a model of unknown error: far from its predicted shape,
-        an arm may be on either side.
+        Far from its predicted shape, an arm that swings may be on either side: none if the model
+        error is unknown, and only the first frame of a belief if the motion is a guess.
         """
+        if MOTION in updated.before.causes and updated.before.frames:
+            return False
         return model.of(updated.before.causes).swinging is None or model.camera_is_observable
 
     def alternatives(

@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import MOTION
+from pneunet_ros.fusion.belief import MIRRORED, MOTION
 from pneunet_ros.fusion.causes import MotionCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.frame_update import known_bending
@@ -23,6 +23,7 @@ from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.motion import Motion
+from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from support.lab_run import readings_at_frames, true_model
 
@@ -336,3 +337,26 @@ def test_a_swing_by_a_model_of_unknown_error_has_no_rival_in_a_mirror():
     assert state.counts.frames == 1
     bank = by.weigh_pending(state).bank
     assert not any('mirrored' in one.belief.causes for one in bank)
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_a_mirror_begins_while_an_arm_swings_only_if_its_motion_is_known(known):
+    """A swing of a guessed mass is often far from its prediction, where any side may fit."""
+    recording, arm = recorded(False)[0], fusion().arm
+    covariance = ModelCovariance(quantities=('moment_law.rigidity.0.0',), factor=[[1e-6]])
+    motion = arm.motion if known else None
+    by = Fusion(arm=dataclasses.replace(arm, covariance=covariance, motion=motion))
+    state, rivals = FusionState(), 0
+    turned, end = recording.stamp_ns.size // 2, recording.stamp_ns.size * 5 // 8
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()[:end]):
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            seen = sightings(recording, instant - LATE)
+            if instant > turned:
+                seen = dataclasses.replace(seen, y=-seen.y)
+            state = by.settle(by.step(state, seen)[0])
+            rivals += any({MIRRORED, MOTION} <= one.belief.causes for one in state.bank)
+        pressure = float(recording.pressure[instant])
+        state, _ = by.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
+    assert rivals == 0
+    assert (MIRRORED in state.certain_causes) == known
+    assert (MOTION in state.certain_causes) != known
