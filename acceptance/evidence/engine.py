@@ -125,7 +125,7 @@ class Engine:
         if not item.is_linear:
             tried = meaning.numbers[meaning.which]
             value = tried * np.clip(
-                value / tried, SCORE_TEST.smallest_step, SCORE_TEST.largest_step
+                value / tried, 1.0 / SCORE_TEST.largest_step, SCORE_TEST.largest_step
             )
         start[meaning.which] = value
         start = np.clip(start, item.low, item.high)

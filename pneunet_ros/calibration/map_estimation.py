@@ -181,7 +181,6 @@ def fit(
     targets: Array,
     start: Array | None = None,
     on_progress: Callable[[int, float], None] = lambda step, cost: None,
-    small_step: float | None = None,
 ) -> Fit:
     """Find the maximum a posteriori parameters of a model, given recordings.
 
@@ -192,7 +191,6 @@ def fit(
         targets: (targets,) m, arclength of the targets.
         start: (n,) initial values; None: the mean of the prior.
         on_progress: called with the number of each step and the cost.
-        small_step: step size (sigma) below which the fit has converged; None: the default.
 
     Returns:
         The fit with covariance; `converged` and `status` say how the search ended.
@@ -218,7 +216,7 @@ def fit(
         LinearizedPosterior.newton_step,
         lower,
         posterior.linearize,
-        small=small_step or MAP_ESTIMATION.small_step,
+        small=MAP_ESTIMATION.small_step,
         most_steps=MOST_STEPS,
         most_halvings=MOST_HALVINGS,
         on_step=lambda step, last: on_progress(step, last.cost),

@@ -12,7 +12,6 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.fit.linearization import KnownInputs, Linearization
 from pneunet_ros.diagnosis.fit.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.scores.score_test import Candidate
-from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.measurement.dataset import RecordingData
 
 # Of a simulated experiment. No figure of acceptance/sweep.py moves when one is halved or doubled.
@@ -233,4 +232,4 @@ def prior_end_factor(candidate: Candidate) -> float:
     """Return the ratio of chi squared at the end of the prior range to that at the tried value."""
     coordinate = candidate.hypothesis.coordinates[candidate.which]
     tried = max(abs(float(candidate.tried[candidate.which])), 1e-300)
-    return float((SCORE_TEST.prior_range * coordinate.std / tried) ** 2)
+    return float((coordinate.end / tried) ** 2)

@@ -22,13 +22,7 @@ from pneunet_ros.diagnosis.fit.refit import (
 from pneunet_ros.diagnosis.scores.lack_of_fit import is_adequate, lack_of_fit_tests, LackOfFit
 from pneunet_ros.diagnosis.scores.nonuniform_arm import nonuniform_columns, with_columns
 from pneunet_ros.diagnosis.scores.score_test import Candidate, largest_clean_score, score_effects
-from pneunet_ros.diagnosis.settings import (
-    DEFAULTS,
-    DiagnosisSettings,
-    LEAST_EVIDENCE,
-    SCORE_TEST,
-    SELECTION,
-)
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LEAST_EVIDENCE, SELECTION
 import scipy
 
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
@@ -188,7 +182,7 @@ class Selection:
             plausible=is_plausible(trial, PLAUSIBLE),
             run_chi_squared=gaussian.squares,
             coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
-            outside_prior=parameters_outside_prior(trial, SCORE_TEST.prior_range),
+            outside_prior=parameters_outside_prior(trial),
             log_probability=trial.gaussian.log_probability(),
             without=tuple(
                 trial.gaussian.without(run).log_probability() for run in range(all_runs.training)
@@ -430,11 +424,10 @@ def is_plausible(fit: Refit, most: float) -> bool:
     )
 
 
-def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
+def parameters_outside_prior(fit: Refit) -> tuple[str, ...]:
     """Return a note on every parameter outside its prior range by two standard errors.
 
-    The standard errors include the law error. ends: limits of a size in prior standard deviations;
-    the limits of a shape are one.
+    The standard errors include the law error.
     """
     stds = np.split(np.sqrt(np.diag(fit.covariance)), np.cumsum([i.size for i in fit.hypotheses]))
     parts = split_numbers(fit.hypotheses, fit.numbers)
@@ -445,7 +438,7 @@ def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
         for coordinate, number, error in zip(item.coordinates, numbers, errors, strict=True)
         if abs(number - coordinate.mean)
         - 2.0 * np.hypot(error, 0.0 if coordinate.shape else item.kind.law_error * number)
-        > (1.0 if coordinate.shape else ends) * coordinate.std
+        > (coordinate.std if coordinate.shape else coordinate.end)
     )
 
 

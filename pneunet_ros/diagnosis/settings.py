@@ -74,15 +74,11 @@ class HypothesisSettings:
 class ScoreTestSettings:
     """Settings of score tests and detection limits."""
 
-    smallest_step: float = tuning(
-        0.3, 'least step of effects with memory', unit='size tried', source='sweep'
-    )
     largest_step: float = tuning(
-        3.0, 'largest step of effects with memory', unit='size tried', source='sweep'
+        3.0,
+        'largest ratio of the start of an effect with memory to the size tried, or its inverse',
+        source='sweep',
     )
-    visible: float = tuning(25.0, 'detectable chi squared: five sigma', source='convention')
-    prior_range: float = tuning(2.0, 'end of the prior range', unit='std', source='convention')
-    least_cosine: float = tuning(0.3, 'smallest reported cosine of two effects', source='sweep')
     same_class: float = tuning(
         0.98, 'smallest cosine of effects that cannot be distinguished', source='sweep'
     )
@@ -115,10 +111,9 @@ class RefitSettings:
 
     rounds: int = tuning(5, 'largest number of relinearizations', source='sweep')
     least_gain: float = tuning(
-        0.1, 'gain of a step below which the fit has converged', source='sweep'
-    )
-    settled: float = tuning(
-        0.5, 'change of cost between rounds below which the fit is settled', source='sweep'
+        0.1,
+        'gain of a step below which the fit has converged, and of a relinearization',
+        source='sweep',
     )
 
 
@@ -178,25 +173,15 @@ class LocalizationSettings:
     significant: float = tuning(1e-3, 'p-value', source='convention')
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AugmentedModelSettings:
-    """Settings of the base model fitted with the effects."""
-
-    settled: float = tuning(
-        0.3, 'step size at which the fit has converged', unit='std of all', source='sweep'
-    )
-
-
 BASE_FIT, LINEARIZATION = BaseFitSettings(), LinearizationSettings()
 HYPOTHESIS, SCORE_TEST = HypothesisSettings(), ScoreTestSettings()
 LACK_OF_FIT = LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
 CONFIRMATION = ConfirmationSettings()
 READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
-AUGMENTED_MODEL = AugmentedModelSettings()
 FIXED: tuple[Any, ...] = (  # common to all diagnoses
     *FIXED_IN_CALIBRATION, READING_FILTER, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST,
-    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION, AUGMENTED_MODEL,
+    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION,
 )  # fmt: skip
 
 

@@ -153,7 +153,7 @@ def test_an_arm_that_may_bend_unevenly():
 def test_every_parameter_lies_within_its_prior(factor, count):
     # 6 mm; its prior ends at 12 mm, and its law is known to 5 %.
     fit = fitted('load_offset', 'load_offset')
-    found = parameters_outside_prior(replace(fit, numbers=factor * fit.numbers), 2.0)
+    found = parameters_outside_prior(replace(fit, numbers=factor * fit.numbers))
     assert len(found) == count
     assert all('load_offset.offset = ' in sentence for sentence in found)
 

@@ -14,7 +14,7 @@ from pneunet_ros.diagnosis.scores.score_test import (
     largest_clean_score,
     score_effects,
 )
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SCORE_TEST
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SELECTION
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
@@ -85,6 +85,7 @@ def test_cosines_are_those_beside_a_refitted_base():
     none = [[0.0]] * 4
     found = effect_cosines(plain(none), [first, second, third])
     assert found == {
+        ('load_offset', 'gravity'): 0.0,
         ('load_offset', 'creep'): pytest.approx(1.0 / math.sqrt(10.0)),
         ('gravity', 'creep'): pytest.approx(-1.0 / math.sqrt(10.0)),
     }
@@ -121,8 +122,8 @@ def test_what_is_visible_is_what_a_joint_fit_would_be_sure_of(name):
     shown = detection_limits([asked(name)], tried())[name]
     number = asked(name).coordinates[0].of(shown.smallest)
     std = math.sqrt(fitted(name).covariance[0, 0])
-    assert number == pytest.approx(math.sqrt(SCORE_TEST.visible) * std, rel=0.1)
-    assert shown.observable == (number <= SCORE_TEST.prior_range * asked(name).std[0])
+    assert number == pytest.approx((math.sqrt(SELECTION.least_gain) + 1.0) * std, rel=0.1)
+    assert shown.observable == (number <= 2.0 * asked(name).std[0])
 
 
 def test_all_effects_have_a_word_on_what_could_be_seen():
@@ -135,7 +136,7 @@ def test_cosines_of_the_lab():
     found = effect_cosines(fitted().gaussian, tried())
     assert found
     for pair, alike in found.items():
-        assert SCORE_TEST.least_cosine < abs(alike) < 1.0
+        assert abs(alike) < 1.0
         assert set(pair) <= set(NAMES)
 
 

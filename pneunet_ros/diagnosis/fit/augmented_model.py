@@ -13,7 +13,6 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.diagnosis.fit.hypothesis import Coordinate
 from pneunet_ros.diagnosis.fit.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
-from pneunet_ros.diagnosis.settings import AUGMENTED_MODEL
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
@@ -31,7 +30,6 @@ def fit_with_effects(refit: Refit) -> Fit:
         linearization.noise,
         point.arm.target_arclength,
         point.values,
-        small_step=AUGMENTED_MODEL.settled,
     )
 
 

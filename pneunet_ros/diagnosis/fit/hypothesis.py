@@ -43,6 +43,11 @@ class Coordinate:
     expected: tuple[float, float]
     bounds: tuple[float, float]
 
+    @property
+    def end(self) -> float:
+        """End of the prior range of a size."""
+        return 2.0 * self.std
+
     def value(self, coordinate: float) -> float:
         """Return the parameter (SI) at a coordinate, strictly within its bounds."""
         coordinate = min(max(coordinate, self.low), self.high)
@@ -144,7 +149,7 @@ class Hypothesis:
             for which in self.sizes:
                 for share in (FIRST_SIZE,) if self.is_linear else FIRST_SIZES:
                     numbers = shape.copy()
-                    numbers[which] = 2.0 * share * self.coordinates[which].std
+                    numbers[which] = share * self.coordinates[which].end
                     starts.append((which, numbers))
         return starts
 

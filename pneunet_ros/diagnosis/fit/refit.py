@@ -300,7 +300,7 @@ def settle(fit: Refit, rounds: int | None = None) -> Refit:
         if again is None:
             break
         around = again if again.cost < fit.cost else average_fits(around, again)
-        fit = replace(again, settled=abs(fit.cost - again.cost) < REFIT.settled)
+        fit = replace(again, settled=abs(fit.cost - again.cost) < REFIT.least_gain)
         pair = (fit,) if best is None else (fit, best)
         best = min(pair, key=lambda item: (not has_ended(item), item.cost))
     return fit if fit.settled else best or fit

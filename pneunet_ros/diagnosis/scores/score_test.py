@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.fit.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.fit.law_errors import OpenLaws
 from pneunet_ros.diagnosis.fit.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SCORE_TEST
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, SCORE_TEST, SELECTION
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 
 DRAWS = 5000  # simulations of the largest score of clean data
@@ -95,7 +95,8 @@ def score_effect(
             continue
         start = numbers.copy()
         if not hypothesis.is_linear:
-            share = float(np.clip(share, SCORE_TEST.smallest_step, SCORE_TEST.largest_step))
+            most = SCORE_TEST.largest_step
+            share = float(np.clip(share, 1.0 / most, most))
         start[which] *= share
         best = Candidate(
             hypothesis=hypothesis,
@@ -140,10 +141,12 @@ def detection_limits(
 ) -> Mapping[str, Detectable]:
     """Return the detection limit of every effect after refitting the base model.
 
-    An effect that only rescales the pressure is never observable, because kappa_p0(p) absorbs it.
+    At the limit, the expected score is one sigma beyond the smallest gain of an additional effect,
+    so that 84 of 100 such effects are found. An effect that only rescales the pressure is never
+    observable, because kappa_p0(p) absorbs it.
     """
     by_name = {item.name: item for item in candidates}
-    limits = {}
+    limits, visible = {}, (math.sqrt(SELECTION.least_gain) + 1.0) ** 2
     for item in hypotheses:
         candidate = by_name.get(item.name)
         which = item.sizes[0] if candidate is None else candidate.which
@@ -151,10 +154,10 @@ def detection_limits(
         size = math.inf
         if candidate is not None and not item.confounded_with_pressure_scale:
             tried = abs(float(candidate.tried[which]))
-            size = tried * math.sqrt(SCORE_TEST.visible / candidate.information)
+            size = tried * math.sqrt(visible / candidate.information)
         limits[item.name] = Detectable(
             parameter=coordinate.parameter,
-            observable=size <= SCORE_TEST.prior_range * coordinate.std,
+            observable=size <= coordinate.end,
             smallest=1.0 / size if coordinate.reciprocal else size,
             expected=coordinate.expected,
             unit=coordinate.unit,
@@ -165,12 +168,11 @@ def detection_limits(
 def effect_cosines(
     gaussian: GaussianModel, candidates: Sequence[Candidate]
 ) -> Mapping[tuple[str, str], float]:
-    """Return the reported cosines between the directions of two effects, -1 to 1."""
+    """Return the cosines between the directions of two effects, -1 to 1."""
     if not candidates:
         return {}
     cosines = cosine_matrix(gaussian, candidates)
     return {
         (candidates[i].name, candidates[j].name): float(cosines[i, j])
         for i, j in itertools.combinations(range(len(candidates)), 2)
-        if abs(cosines[i, j]) > SCORE_TEST.least_cosine
     }
