@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.settings import RESOLUTION
 from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.measurement.tip_frame import TIP_FRAME
 import pytest
 from static_frames import diagnosed, Found, made, model, recorded, summary, WANTED
 
@@ -93,8 +93,8 @@ def test_detection_limits_are_those_beside_an_arm_that_may_bend_unevenly(monkeyp
     bench = made(4, 0)
     training, _ = recorded(bench, 4)
     limits = []
-    for resolution in (RESOLUTION, replace(RESOLUTION, nonuniform=1e-6)):
-        monkeypatch.setattr('pneunet_ros.calibration.checks.nonuniformity.RESOLUTION', resolution)
+    for settings in (TIP_FRAME, replace(TIP_FRAME, nonuniformity=1e-6)):
+        monkeypatch.setattr('pneunet_ros.calibration.checks.nonuniformity.TIP_FRAME', settings)
         found = diagnose(model(bench), training, [])
         limits.append(found.detectable[WANTED].smallest)
     assert limits[0] > 1.2 * limits[1]

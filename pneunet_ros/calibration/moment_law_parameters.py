@@ -98,8 +98,7 @@ class PiecewiseParameters(MomentLawParameters):
         trend = (rows - rows.mean()) / (self.high - self.low)
         wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / MOMENT_LAW.split_scale)
         split = (
-            MOMENT_LAW.split_std**2
-            + MOMENT_LAW.split_trend_std**2 * np.outer(trend, trend)
+            MOMENT_LAW.split_std**2 * (1.0 + np.outer(trend, trend))
             + MOMENT_LAW.split_wave_std**2 * wave
         )
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)

@@ -216,7 +216,7 @@ def with_uncertain_positions(assumed: SensorNoise, arclength: Array) -> SensorNo
         assumed,
         placement_std=assumed.placement_std or NOISE_ESTIMATE.placement * length,
         registration_std=assumed.registration_std or NOISE_ESTIMATE.registration * length,
-        drift_std=assumed.drift_std or NOISE_ESTIMATE.drift * length,
+        drift_std=assumed.drift_std or NOISE_ESTIMATE.placement * length,
     )
 
 
@@ -438,7 +438,7 @@ def placement(
     if not free:
         return None
     frames = np.concatenate(free)
-    often = np.isfinite(frames[:, 0]).mean(axis=0) > NOISE_ESTIMATE.often
+    often = 2 * np.isfinite(frames[:, 0]).sum(axis=0) > len(frames)
     arclength, frames = arclength[often], frames[:, :, often]
     complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
     if arclength.size < FEWEST_TARGETS or len(complete) < NOISE_ESTIMATE.fewest:

@@ -55,7 +55,7 @@ class Fit:
     @property
     def as_noise(self) -> bool:
         """Whether the residual is as small as noise alone."""
-        return self.noise_ratio <= CONSISTENCY.as_noise
+        return self.chi_squared <= CONSISTENCY.as_noise * max(self.dof, 1)
 
     @property
     def all_information(self) -> Array:

@@ -12,21 +12,12 @@ GAUGE_PASCALS = PressureConvention()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PreconditionSettings:
-    """Preconditions of a calibration."""
-
-    longest: float = tuning(
-        1.3, 'largest distance from the clamp to a target', unit='length', source='sweep'
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SameArmSettings:
     """Criteria for a fit as good as the noise, and for recordings of the same arm."""
 
     as_noise: float = tuning(
-        1.2,
-        'largest ratio of residual to noise that counts as consistent with noise',
+        1.5,
+        'largest chi squared per coordinate that counts as consistent with noise',
         source='sweep',
     )
     two_arms: float = tuning(
@@ -48,11 +39,6 @@ class SameArmSettings:
     few_frames: float = tuning(
         0.05,
         'largest share of the frames that counts as few, if only these misfit',
-        source='sweep',
-    )
-    others_fit: float = tuning(
-        1.5,
-        'largest chi squared per coordinate of all other frames, if only a few misfit',
         source='sweep',
     )
 
@@ -88,27 +74,18 @@ class NoiseEstimateSettings:
         'number of targets sufficient to estimate small placement errors, and equal noise',
         source='sweep',
     )
-    often: float = tuning(
-        0.5, 'smallest share of frames in which a usable target is seen', source='sweep'
-    )
     straightest: float = tuning(
         0.1, 'share of the unloaded frames that count as straightest', source='sweep'
     )
     placement: float = tuning(
         1e-3,
-        'std of the position of a painted target, if not estimated',
+        "std of the position of a painted target, and of the camera's drift, if not estimated",
         unit='way to the last target',
         source='sweep',
     )
     registration: float = tuning(
         2e-3,
         'std of the position of the camera, if not estimated',
-        unit='way to the last target',
-        source='sweep',
-    )
-    drift: float = tuning(
-        1e-3,
-        "std of the camera's drift, if not estimated",
         unit='way to the last target',
         source='sweep',
     )
@@ -128,23 +105,6 @@ class ResolutionSettings:
         'smallest distance between targets that resolve two features',
         unit='length',
         source='sweep',
-    )
-    noise_span: float = tuning(
-        8.0,
-        'smallest difference between distinct pressures or loads',
-        unit='sigma',
-        source='sweep',
-    )
-    few_pressures: int = tuning(
-        6, 'number of pressures below which a note is given', source='sweep'
-    )
-    law_shapes: int = tuning(
-        3, 'number of distinct targets needed to distinguish moment laws', source='sweep'
-    )
-    nonuniform: float = tuning(
-        0.3,
-        'relative std of kappa_p0 along the arm, where targets do not determine it',
-        source="the shipped table of the paper's arm: 0.3",
     )
     nonuniform_rest: float = tuning(
         0.05, 'std of the rest curvature along the arm', unit='1/length', source='sweep'
@@ -202,9 +162,8 @@ class MomentLawSettings:
     """The prior of the piecewise linear law."""
 
     split: float = tuning(0.12, 'l1 / l', source='literature: the paper reports 0.10 to 0.15')
-    split_std: float = tuning(0.05, 'std of l1 / l', source='sweep')
-    split_trend_std: float = tuning(
-        0.05, 'std of the change of l1 / l over the range of pressure', source='sweep'
+    split_std: float = tuning(
+        0.05, 'std of l1 / l, and of its change over the range of pressure', source='sweep'
     )
     split_wave_std: float = tuning(
         0.012, 'std of l1 / l about a straight line in pressure', source='sweep'
@@ -243,21 +202,18 @@ class StiffnessVariationSettings:
     """Criteria for a stiffness that varies along the arm, and the consequences."""
 
     modes: int = tuning(4, 'number of Legendre polynomials of ln EI along the arm', source='sweep')
-    expected: float = tuning(
-        0.3, 'prior sigma of the coefficient of each polynomial', source='sweep'
-    )
     significant: float = tuning(
         100.0, 'significant reduction of chi squared beyond noise', source='sweep'
     )
 
 
-PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()
+CONSISTENCY = SameArmSettings()
 NOISE_ESTIMATE, EXPERIMENTS = NoiseEstimateSettings(), ExperimentSettings()
 STIFFNESS_VARIATION = StiffnessVariationSettings()
 RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
 FIXED: tuple[Any, ...] = (  # common to all calibrations
-    PRECONDITIONS, CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION,
+    CONSISTENCY, NOISE_ESTIMATE, HYPERPARAMETERS, MOMENT_LAW, MAP_ESTIMATION,
     IDENTIFIABILITY, STIFFNESS_VARIATION, RESOLUTION, EXPERIMENTS,
 )  # fmt: skip

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.calibration.checks.held_out import Score
 from pneunet_ros.calibration.noise_estimate import carries_time
-from pneunet_ros.calibration.settings import RESOLUTION
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
@@ -26,6 +25,7 @@ from pneunet_ros.diagnosis.settings import (
     LACK_OF_FIT,
     LEAST_EVIDENCE,
 )
+from pneunet_ros.measurement.tip_frame import TIP_FRAME
 from scipy.special import ndtr, stdtrit
 
 NO_ERROR = 1e-18  # m^2, below the resolution of any camera, so that a ratio exists
@@ -172,7 +172,7 @@ class Confirmer:
             return ()
         return (
             Note(
-                f'an arm whose curvature varies by {RESOLUTION.nonuniform:g} along its length '
+                f'an arm whose curvature varies by {TIP_FRAME.nonuniformity:g} along its length '
                 'would explain the data as well, and these targets cannot rule that out',
                 reason='uneven_arm',
             ),

@@ -52,7 +52,7 @@ class TipFrameSettings:
     )
     nonuniformity: float = tuning(
         0.3,
-        'departure of the curvature from its mean along the arm, one sigma',
+        'departure of curvature or stiffness from its mean along the arm, one sigma',
         unit='of the mean',
         source="the shipped table of the paper's arm: 0.3",
     )

@@ -52,6 +52,9 @@ class DomainSettings:
     load_noise: float = tuning(
         4.0, 'largest load beyond the hull that noise explains', unit='sigma', source='sweep'
     )
+    stretch: float = tuning(
+        1.3, 'largest distance of two places on the arm, relative to that along it', source='sweep'
+    )
     load_error: float = tuning(
         0.2,
         "one sigma of the model's own error beyond the hull, as a force in any direction",

@@ -23,9 +23,6 @@ Mask = npt.NDArray[np.bool_]
 class GatingSettings:
     """Settings for gating blobs as targets of a row."""
 
-    longest: float = tuning(
-        1.3, 'largest ratio of the distance of neighbors to that along the arm', source='sweep'
-    )
     largest_loss: float = tuning(
         0.87, 'smallest ratio of area to the usual one, compared with neighbors', source='sweep'
     )
@@ -68,7 +65,8 @@ def consistent_spacing(
     remaining ones fit. Targets are removed one at a time, each time the one without which the
     others fit best, because a wrong target distorts the curve of its neighbors. x, y are in m, or
     scaled so that the arm has about its length. A target at either end of the row is rejected if
-    it is `farthest` spacings or more from the next; `longest`: as in `GatingSettings`.
+    it is `farthest` spacings or more from the next; `longest`: largest distance of neighbors,
+    relative to that along the arm.
     """
     places, rest = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
     others, count = np.empty(x.size, np.int64), NOTHING_BEFORE

@@ -12,6 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.model.domain import DOMAIN
 from pneunet_ros.vision.association import (
     COMMON_SHARE,
     ENOUGH,
@@ -344,7 +345,7 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
     if not spacing > 0.0:
         return False
     x, y = np.ascontiguousarray(points.T) * (np.diff(arclength).min() / spacing)
-    seen = consistent_spacing(x, y, arclength, FARTHEST, vision.gating.longest)
+    seen = consistent_spacing(x, y, arclength, FARTHEST, DOMAIN.stretch)
     least = vision.beam_search.seen * arclength.size
     return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
 

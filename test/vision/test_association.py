@@ -5,6 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from pneunet_ros.model.domain import DOMAIN
 from pneunet_ros.vision.association import (
     find_unplaced_rows,
     least_seen,
@@ -12,7 +13,7 @@ from pneunet_ros.vision.association import (
     share_of_blobs,
 )
 from pneunet_ros.vision.beam_search import BEAM_SEARCH
-from pneunet_ros.vision.gating import consistent_spacing, FARTHEST, GATING
+from pneunet_ros.vision.gating import consistent_spacing, FARTHEST
 from pneunet_ros.vision.row_candidates import RowCandidates
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
@@ -23,7 +24,7 @@ TARGETS = np.arange(ARCLENGTH.size)
 def believed(mixture, row):
     """Return who is in a row, after the check that follows the search."""
     points = np.where(row.chosen[:, None] >= 0, mixture.points[row.chosen], np.nan)
-    seen = consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, FARTHEST, GATING.longest)
+    seen = consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, FARTHEST, DOMAIN.stretch)
     return np.where(seen, mixture.named(row.chosen), -1)
 
 
@@ -102,7 +103,7 @@ def test_spots_without_a_row_are_no_row(count):
         row = row_from_clamp(points, areas, ARCLENGTH, 0.0)
         found = np.where(row.chosen[:, None] >= 0, points[row.chosen], np.nan)
         seen = consistent_spacing(
-            *np.ascontiguousarray(found.T), ARCLENGTH, FARTHEST, GATING.longest
+            *np.ascontiguousarray(found.T), ARCLENGTH, FARTHEST, DOMAIN.stretch
         )
         assert np.count_nonzero(seen) < least_seen(TARGETS.size)
         assert all(

@@ -5,13 +5,13 @@ from __future__ import annotations
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
+from pneunet_ros.model.domain import DOMAIN
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
     consistent_spacing,
     expected_points,
     FARTHEST,
-    GATING,
     initial_area,
 )
 import pytest
@@ -19,7 +19,7 @@ from support.target_rows import arc, ARCLENGTH, SPACING
 
 
 def believed(points, farthest=FARTHEST):
-    return consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, farthest, GATING.longest)
+    return consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, farthest, DOMAIN.stretch)
 
 
 @given(st.floats(-35.0, 35.0), st.floats(-35.0, 35.0), st.integers(0, 2**32 - 1))

@@ -143,10 +143,7 @@ def misfit_of_few(fit: Fit) -> Note | None:
     worst = np.argsort(-whitened / dof)[: round(CONSISTENCY.few_frames * dof.size)]
     missed = worst[whitened[worst] > CONSISTENCY.misfit * dof[worst]]
     remaining = np.delete(np.arange(dof.size), worst)
-    if (
-        not missed.size
-        or whitened[remaining].sum() > CONSISTENCY.others_fit * dof[remaining].sum()
-    ):
+    if not missed.size or whitened[remaining].sum() > CONSISTENCY.as_noise * dof[remaining].sum():
         return None
     run_of = np.repeat(np.arange(len(fit.runs)), [int(counted.sum()) for counted in counts])
     where = ', '.join(

@@ -23,6 +23,7 @@ from pneunet_ros.calibration.settings import CONSISTENCY, RESOLUTION
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.tip_frame import TIP_FRAME
 
 # Correlation length of both departures (arm lengths): about that of the paper's arm. No figure of
 # acceptance/sweep.py moves when it is halved or doubled.
@@ -94,7 +95,7 @@ def describe_nonuniformity(fit: Fit) -> list[Note]:
         Note(
             f'between targets the shape is uncertain by up to {millimeters(std):.2g} mm (one '
             f'sigma, at s / l = {share:.2g}), because an arm may bend unevenly by '
-            f'{RESOLUTION.nonuniform:g} of its curvature; the covariance includes this',
+            f'{TIP_FRAME.nonuniformity:g} of its curvature; the covariance includes this',
             reason='uncertain_between',
         )
     ]
@@ -108,7 +109,7 @@ def departure_prior(parameters: Parameters, values: Array) -> Array:
     """
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
     rest = RESOLUTION.nonuniform_rest / parameters.frame.length
-    amplitude = RESOLUTION.nonuniform**2 * np.outer(mean, mean) + rest**2
+    amplitude = TIP_FRAME.nonuniformity**2 * np.outer(mean, mean) + rest**2
     return np.asarray(np.kron(amplitude, correlation(parameters.arclength, SCALE)))
 
 
@@ -117,4 +118,4 @@ def linear_departure() -> float:
     arclength = np.linspace(0.0, 1.0, STATIONS)
     linear = np.linalg.pinv(legendre.legvander(2.0 * arclength - 1.0, MODES - 1))[1]
     variance = linear @ correlation(arclength, SCALE) @ linear
-    return RESOLUTION.nonuniform * float(np.sqrt(variance))
+    return TIP_FRAME.nonuniformity * float(np.sqrt(variance))

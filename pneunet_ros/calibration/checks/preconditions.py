@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.checks.consistency import check_same_arm
-from pneunet_ros.calibration.settings import GAUGE_PASCALS, PRECONDITIONS, RESOLUTION
+from pneunet_ros.calibration.settings import GAUGE_PASCALS
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -28,6 +28,7 @@ from pneunet_ros.measurement.row_order import (
     numbered_from_tip,
 )
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN
 
 # Recordings with another unit, arm or sensor are far beyond these, others far within.
 # Invented: no figure of acceptance/sweep.py contains such a recording.
@@ -108,7 +109,7 @@ def has_one_pressure(runs: Sequence[RecordingData], arm: Arm) -> bool:
 
 def same_pressure(arm: Arm) -> float:
     """Return the largest spread (Pa) that sensor noise causes among readings of one pressure."""
-    return RESOLUTION.noise_span * arm.sensors.pressure_std
+    return DOMAIN.pressure_noise * arm.sensors.pressure_std
 
 
 def check_loads(run: RecordingData, arm: Arm) -> None:
@@ -142,7 +143,7 @@ def check_different_loads(loaded: Sequence[RecordingData], arm: Arm) -> None:
     """Raise RecordingError if all frames have the same load and pressure."""
     reach, sensors = np.ptp(np.concatenate([run.load for run in loaded]), axis=0), arm.sensors
     stds = np.array([sensors.force_std, sensors.force_std, sensors.moment_std])
-    if np.all(reach <= RESOLUTION.noise_span * stds):
+    if np.all(reach <= DOMAIN.pressure_noise * stds):
         raise RecordingError(
             f'{names_of(loaded)}: only one load at one pressure: rest curvature and stiffness '
             'cannot be distinguished. Record another load, or the arm without a load (--unloaded)',
@@ -272,7 +273,7 @@ def check_units(run: RecordingData, arm: Arm) -> None:
     if not run.seen.any():
         return  # an angle has one unit and does not depend on the position
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
-    if reach > PRECONDITIONS.longest * arm.reach:
+    if reach > DOMAIN.stretch * arm.reach:
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, but the arm is {arm.reach:.3g} '
             'm long; targets must be in m, in the base frame at the clamp, and belong to this '

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.calibration.checks.preconditions import has_one_pressure, same_pressure
-from pneunet_ros.calibration.settings import NOISE_ESTIMATE, RESOLUTION
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.settings import EXPERIMENTS, NOISE_ESTIMATE, RESOLUTION
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
@@ -56,7 +57,8 @@ def resolve(
     notes += describe_pressures(float(np.median(pressure)), pressures, constant)
     frames = sum(len(run.stamp_ns) for run in loaded)
     law, law_notes = PiecewiseLinearLaw.kind, []
-    if loaded and (frames < NOISE_ESTIMATE.fewest or shapes < RESOLUTION.law_shapes or constant):
+    unknowns = len(MOMENT_LAW_PARAMETERS[law].columns)
+    if loaded and (frames < NOISE_ESTIMATE.fewest or shapes < unknowns or constant):
         law = LinearLaw.kind
         other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
         law_notes.append(
@@ -111,7 +113,7 @@ def describe_pressures(pressure: float, pressures: int, constant: bool) -> list[
                 reason='one_pressure',
             )
         ]
-    if pressures >= RESOLUTION.few_pressures:
+    if pressures >= EXPERIMENTS.rows:
         return []
     return [
         Note(

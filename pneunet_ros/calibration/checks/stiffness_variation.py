@@ -23,6 +23,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.linearization import RunLinearization
+from pneunet_ros.measurement.tip_frame import TIP_FRAME
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 
@@ -109,7 +110,7 @@ def stiffness_variation(fit: Fit, noise: SensorNoise) -> StiffnessVariation | No
     solved = np.linalg.solve(hessian, np.column_stack([cross, linear.gradient - linear.scaled]))
     score -= cross.T @ solved[:, -1]
     information = inner - cross.T @ solved[:, :-1]
-    known = information + np.eye(modes) / STIFFNESS_VARIATION.expected**2
+    known = information + np.eye(modes) / TIP_FRAME.nonuniformity**2
     coefficients = frozen_array(np.linalg.solve(known, score))
     refitted = np.asarray(-prior.scale @ (solved[:, :-1] @ coefficients), np.float64)
     return StiffnessVariation(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.model.domain import DOMAIN
 from pneunet_ros.vision.dots.centroid import AREA, MAJOR, MINOR, STD, U
 from pneunet_ros.vision.gating import (
     consistent_motion,
@@ -57,7 +58,7 @@ def gate_row(
     points[~sized] = np.nan
     why[~sized & (why == '')] = 'size'
     x, y = np.ascontiguousarray(points.T)
-    seen = consistent_spacing(x, y, view.arclength, farthest, gating.longest)
+    seen = consistent_spacing(x, y, view.arclength, farthest, DOMAIN.stretch)
     std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
     table[~seen] = points[~seen] = std[~seen] = np.nan
     why[~seen & (why == '')] = 'place'
