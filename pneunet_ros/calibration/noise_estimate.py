@@ -446,14 +446,19 @@ def placement(
     chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
     count = max(NOISE_ESTIMATE.fewest, round(NOISE_ESTIMATE.straightest * len(complete)))
     mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
-    degree = min(NOISE_ESTIMATE.smooth_degree, arclength.size - FREEDOM - 1)
+    freedom = placement_freedom(arclength.size)
+    degree = arclength.size - freedom // 2 - 1
     smooth = np.polynomial.chebyshev.chebvander(2.0 * arclength / arclength[-1] - 1.0, degree)
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
     residual = mean.T - smooth @ coefficients
-    freedom = 2 * (arclength.size - degree - 1)
     variance = np.sum(residual**2) / freedom
     found = float(np.sqrt(max(variance - white**2 / count, variance * np.sqrt(2.0 / freedom))))
     return found if arclength.size >= NOISE_ESTIMATE.many_targets else max(found, assumed)
+
+
+def placement_freedom(targets: int) -> int:
+    """Return the number of values from which the placement of so many targets is estimated."""
+    return 2 * max(targets - NOISE_ESTIMATE.smooth_degree - 1, FREEDOM)
 
 
 def camera_stds(

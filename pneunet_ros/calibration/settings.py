@@ -36,11 +36,6 @@ class SameArmSettings:
     misfit: float = tuning(
         4.0, 'chi squared per coordinate that indicates a model error', source='sweep'
     )
-    few_frames: float = tuning(
-        0.05,
-        'largest share of the frames that counts as few, if only these misfit',
-        source='sweep',
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +189,9 @@ class IdentifiabilitySettings:
         'largest share of the prior sigma for a parameter to count as determined',
         source='sweep',
     )
-    confounded: float = tuning(0.95, 'correlation of two confounded quantities', source='sweep')
+    confounded: float = tuning(
+        0.98, 'correlation of two confounded quantities, and of two effects', source='sweep'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

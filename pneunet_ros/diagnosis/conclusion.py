@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from pneunet_ros.calibration.settings import IDENTIFIABILITY
 from pneunet_ros.core.notes import Note
 from pneunet_ros.diagnosis.confirmation import error_increase
 from pneunet_ros.diagnosis.decision import closest_notes
@@ -29,7 +30,6 @@ from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Evaluation, Evid
 from pneunet_ros.diagnosis.scores.lack_of_fit import is_adequate, worst_p_value, worst_test
 from pneunet_ros.diagnosis.scores.score_test import Candidate, effect_cosines
 from pneunet_ros.diagnosis.selection import Selection, Trial
-from pneunet_ros.diagnosis.settings import SCORE_TEST
 from pneunet_ros.diagnosis.verdict import describe_certainty, describe_verdict, Verdict
 from pneunet_ros.measurement.dataset import RecordingData
 
@@ -172,7 +172,7 @@ def collect_evidence(
     selection: Selection, candidates: Sequence[Candidate], cosines: Mapping[tuple[str, str], float]
 ) -> tuple[Evidence, ...]:
     """Return all trials, best first; effects that were not refitted are ranked by their score."""
-    same_class = [pair for pair, size in cosines.items() if abs(size) > SCORE_TEST.same_class]
+    same_class = [pair for pair, size in cosines.items() if abs(size) > IDENTIFIABILITY.confounded]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
     rows = [
         (item.names, item.gain, item.evidence, item.adequate, worst_p_value(item.tests))

@@ -19,14 +19,10 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_test
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
-from pneunet_ros.diagnosis.settings import (
-    CONFIRMATION,
-    DiagnosisSettings,
-    LACK_OF_FIT,
-    LEAST_EVIDENCE,
-)
+from pneunet_ros.diagnosis.settings import DiagnosisSettings, LACK_OF_FIT, LEAST_EVIDENCE
+from pneunet_ros.measurement.inference.adequacy import ADEQUACY, SIGNIFICANT_FALL
 from pneunet_ros.measurement.tip_frame import TIP_FRAME
-from scipy.special import ndtr, stdtrit
+from scipy.special import stdtrit
 
 NO_ERROR = 1e-18  # m^2, below the resolution of any camera, so that a ratio exists
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
@@ -126,7 +122,7 @@ class Confirmer:
         if not self.has_held_out:
             return ()
         falls = self.held_out_fall(record), 2.0 * (record.predicted - self.base.predicted)
-        if min(falls) >= CONFIRMATION.fall:
+        if min(falls) >= SIGNIFICANT_FALL:
             return ()
         means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
         return (
@@ -247,7 +243,7 @@ def error_increase(before: Sequence[Score], after: Sequence[Score]) -> str:
     if len(change) < BATCHES:
         return ''
     rms = np.sqrt(np.nanmean(np.concatenate(squares, axis=1), axis=1))
-    level = stdtrit(len(change) - 1, ndtr(np.sqrt(CONFIRMATION.fall)))  # of Student's t
+    level = stdtrit(len(change) - 1, 1.0 - ADEQUACY.outside)  # of Student's t
     surely = level * np.std(change, ddof=1) / np.sqrt(len(change))
     if rms[1] <= rms[0] or np.mean(change) <= surely:
         return ''

@@ -24,6 +24,7 @@ from pneunet_ros.diagnosis.result import Detectable, Diagnosis, Estimated, Misfi
 from pneunet_ros.diagnosis.settings import CONFIRMATION
 from pneunet_ros.effects.inertia import Inertia
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inference.adequacy import SIGNIFICANT_FALL
 from pneunet_ros.model.uncertainty import SensorNoise
 
 NAME = Inertia.name
@@ -134,7 +135,7 @@ def with_inertia(
         for part, rest in zip((known, others), rested, strict=True)
     ]
     objections = [one.objection(floor) for one, floor in zip(swings, floors, strict=False)]
-    if others and swings[-1].fall(floors[-1]) < CONFIRMATION.fall:
+    if others and swings[-1].fall(floors[-1]) < SIGNIFICANT_FALL:
         objections.append(NO_FALL)
     if any(objections) or diagnosis.answer == 'unknown':
         why = next((one for one in objections if one), 'the frames at rest are not explained')

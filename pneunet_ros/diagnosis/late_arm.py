@@ -34,10 +34,11 @@ from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestig
 from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.scores.lack_of_fit import worst_p_value
 from pneunet_ros.diagnosis.selection import Record, Trial
-from pneunet_ros.diagnosis.settings import CONFIRMATION, LEAST_EVIDENCE
+from pneunet_ros.diagnosis.settings import LEAST_EVIDENCE
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inference.adequacy import SIGNIFICANT_FALL
 from pneunet_ros.measurement.moving_arm import WEIGHT_ERROR, WITHIN_95
 from pneunet_ros.model.arm import Arm
 
@@ -190,7 +191,7 @@ def judged(found: Investigation, moving: Moving, row: Evidence, *, tested: bool)
         return not_named(diagnosis, moving.fit, 'a part of the misfit remains unexplained')
     base = whiten_like(moving.found, found.base, found)
     falls = log_densities(moving.found, moving.found.best)[1] - log_densities(found, found.base)[1]
-    if tested and 2.0 * falls < CONFIRMATION.fall:
+    if tested and 2.0 * falls < SIGNIFICANT_FALL:
         return not_named(replace(diagnosis, answer='unknown'), moving.fit, NO_FALL)
     whole = replace(
         diagnosis,

@@ -11,7 +11,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
-from pneunet_ros.diagnosis.settings import LOCALIZATION
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LOCALIZATION
 import scipy
 
 # Bins of each axis, for the shares of the misfit.
@@ -125,7 +125,7 @@ def axis_shares(axis: Axis, edges: Array, squares: Sequence[Array]) -> list[Shar
         p_value = float(scipy.stats.chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
         frames = values.size / seen
         statement = f'{part / total:.0%} of the misfit but {frames:.0%} of the observations lie'
-        if p_value > LOCALIZATION.significant:
+        if p_value > LACK_OF_FIT.level:
             statement = 'the residuals are consistent with noise'
         shares.append(
             Share(
@@ -155,7 +155,7 @@ def describe_interval(axis: Axis, start: float, stop: float) -> str:
 def describe_misfit(frames: Frames) -> str:
     """Describe in one sentence how the misfit depends on operating conditions and position."""
     known = frames.squares[np.isfinite(frames.squares)]
-    if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > LOCALIZATION.significant:
+    if scipy.stats.chi2.sf(known.sum(), 2 * known.size) > LACK_OF_FIT.level:
         return 'no part of the recordings exceeds the noise'
     words = []
     names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}

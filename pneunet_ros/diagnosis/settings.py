@@ -56,7 +56,10 @@ class LinearizationSettings:
         source='sweep',
     )
     unloading: float = tuning(
-        0.02, 'distance from the highest pressure so far', unit='pressure range', source='sweep'
+        0.02,
+        'distance from the highest pressure so far, and default width of a play operator',
+        unit='pressure range',
+        source='sweep',
     )
     windows: int = tuning(10, 'number of windows of time in every run', source='sweep')
 
@@ -79,9 +82,6 @@ class ScoreTestSettings:
         'largest ratio of the start of an effect with memory to the size tried, or its inverse',
         source='sweep',
     )
-    same_class: float = tuning(
-        0.98, 'smallest cosine of effects that cannot be distinguished', source='sweep'
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,15 +94,11 @@ class LackOfFitSettings:
     least_seen: float = tuning(
         0.3, 'smallest score variance of a field observable in the data', source='sweep'
     )
-    placement_dof: int = tuning(
-        20, 'number of values from which placement_std is estimated', source='sweep'
-    )
     camera_dof: int = tuning(
         8,
         'number of values from which registration_std and drift_std are estimated',
         source='sweep',
     )
-    white_error: float = tuning(0.01, 'relative error of the std of white noise', source='sweep')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,9 +141,6 @@ class SelectionSettings:
 class ConfirmationSettings:
     """Requirements for a name besides the tests, and its probability."""
 
-    fall: float = tuning(
-        2.7, 'significant reduction of held-out chi squared: 95 % one-sided', source='convention'
-    )
     wrong: float = tuning(
         0.02,
         'probability that a confirmed name is wrong',
@@ -170,7 +163,6 @@ class LocalizationSettings:
         unit='pressure range/s',
         source='sweep',
     )
-    significant: float = tuning(1e-3, 'p-value', source='convention')
 
 
 BASE_FIT, LINEARIZATION = BaseFitSettings(), LinearizationSettings()

@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.fit.generic_field import high_pass
 from pneunet_ros.diagnosis.fit.linearization import Linearization
-from pneunet_ros.discovery.settings import COVARIATES
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.measurement.dataset import RecordingData
 
 LEAST_SPREAD = 1e-6  # of the largest value: below it a covariate is constant up to rounding
@@ -120,7 +120,7 @@ def covariate_table(linearization: Linearization, which: int) -> dict[str, Array
         'p^2': pressure**2,
         RATE: high_pass(run, RATE_TIME) / RATE_TIME,
         **{
-            name: side_of_play(run, factor * COVARIATES.play * (high - low))
+            name: side_of_play(run, factor * LINEARIZATION.unloading * (high - low))
             for name, factor in PLAYS.items()
         },
         **{name: high_pass(run, time) for name, time in MEANS.items()},

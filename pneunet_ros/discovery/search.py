@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.refit import Refit
+from pneunet_ros.diagnosis.settings import LINEARIZATION
 from pneunet_ros.discovery.amplitude import Columns, PerRunColumns, Projection, Runs
 from pneunet_ros.discovery.covariates import CONSTANT, covariates_of, ELAPSED
 from pneunet_ros.discovery.kinds import Kind, kinds_of
@@ -21,7 +22,7 @@ from pneunet_ros.discovery.proposed_effect import (
     parameter_of,
     POSITION,
 )
-from pneunet_ros.discovery.settings import COVARIATES, GRID, REFINEMENTS
+from pneunet_ros.discovery.settings import GRID, REFINEMENTS
 from pneunet_ros.discovery.time_law import (
     aperiodic_courses,
     Courses,
@@ -71,7 +72,7 @@ class Search:
         self.size = self.linearization.point.arm.size
         self.kinds = kinds_of(self.size)
         low, high = self.linearization.point.arm.table_range
-        self.play = COVARIATES.play * (high - low)
+        self.play = LINEARIZATION.unloading * (high - low)
         self.causes: dict[tuple[str, float | None], Cause | None] = {}
         self.frames: dict[tuple[str, float | None], PerRunColumns] = {}
 

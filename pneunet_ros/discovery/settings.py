@@ -24,15 +24,6 @@ ROUNDS = 2  # fits of a law to the residuals of the previous one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CovariateSettings:
-    """Settings of the covariates of an amplitude."""
-
-    play: float = tuning(
-        0.02, 'full width of the default play operator', unit='pressure range', source='sweep'
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LawSettings:
     """Settings of the forward selection of terms."""
 
@@ -85,6 +76,5 @@ class LawConfirmationSettings:
     )
 
 
-COVARIATES, LAW = CovariateSettings(), LawSettings()
-CONFIRMATION = LawConfirmationSettings()
-FIXED = COVARIATES, LAW, CONFIRMATION  # the same in every discovery
+LAW, CONFIRMATION = LawSettings(), LawConfirmationSettings()
+FIXED = LAW, CONFIRMATION  # the same in every discovery

@@ -47,7 +47,6 @@ class ClockDelaySettings:
     components: int = tuning(
         2, 'number of principal components of the motion', unit='number', source='sweep'
     )
-    seen: float = tuning(0.8, 'share of the frames in which a target must be seen', source='sweep')
     overlap: float = tuning(
         0.75, 'smallest overlap of film and table, relative to the shorter one', source='sweep'
     )
@@ -65,10 +64,10 @@ class ClockDelaySettings:
         unit='range of pressure',
         source='sweep',
     )
-    law: float = tuning(0.1, 'relative error of the play effects on the delay', source='sweep')
     distinct: float = tuning(
         0.1,
-        'smallest share of the effect of a delay that plays cannot represent',
+        'relative error of the play effects on the delay, and smallest share of the effect of a '
+        'delay that plays cannot represent',
         source='measured: 0.00 to 0.09 if the pressure repeats one loop, else 0.10 to 0.95',
     )
     relaxations: tuple[float, ...] = tuning(
@@ -170,7 +169,7 @@ def estimate_delay(
         std=math.hypot(
             max(detail.std for detail in details),
             float(np.std(delays, ddof=1)),
-            CLOCK_DELAY.law * changed,
+            CLOCK_DELAY.distinct * changed,
             CLOCK_DELAY.stamps * math.hypot(period, reading_period),
         ),
         explained=details[0].explained,
@@ -243,13 +242,13 @@ def _why_unreliable(
 def motion_components(motion: Array) -> tuple[Array, Indices]:
     """Return the largest principal components of the motion (kept, components), and their frames.
 
-    Computed from the targets that are nearly always seen, in the frames that show all of them.
+    Computed from the targets that most frames show, in the frames that show all of them.
     """
     seen = np.isfinite(motion)
     with_targets = seen.any(axis=1)
     if not with_targets.any():
         return np.zeros((0, CLOCK_DELAY.components)), np.zeros(0, dtype=np.int64)
-    often = seen[with_targets].mean(axis=0) >= CLOCK_DELAY.seen
+    often = 2 * seen.sum(axis=0) > np.count_nonzero(with_targets)
     kept = np.flatnonzero(seen[:, often].all(axis=1) & often.any())
     points = motion[kept][:, often]
     points = points - points.mean(axis=0) if kept.size else points

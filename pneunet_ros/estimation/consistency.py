@@ -28,8 +28,8 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import NEIGHBORS, predict_frame
-from pneunet_ros.estimation.persistent_errors import FrameEvidence, PERSISTENCE, PersistentErrors
-from pneunet_ros.measurement.inference.adequacy import chi_square_limit, RARE
+from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
+from pneunet_ros.measurement.inference.adequacy import ADEQUACY, chi_square_limit, LARGEST_95, RARE
 from pneunet_ros.measurement.innovation import innovation
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 import scipy
@@ -52,11 +52,6 @@ class ConsistencySettings:
         'much for jitter',
         unit='period',
         source='sweep',
-    )
-    tip_level: float = tuning(
-        0.05,
-        'share of frames with the tip outside its ellipse due to noise alone',
-        source='convention',
     )
     most_tips: float = tuning(
         0.2,
@@ -271,13 +266,13 @@ def agreement_of(
     """
     rms, limit, at_tip = np.array([(one.rms, one.limit, one.at_tip) for one in compared]).T
     tips = at_tip[np.isfinite(at_tip)]
-    outside = int(np.count_nonzero(tips > -2.0 * math.log(DEFAULTS.tip_level)))
+    outside = int(np.count_nonzero(tips > LARGEST_95))
     return Agreement(
         frames=len(compared),
         median=float(np.median(rms)),
         limit=float(np.median(limit)),
         beyond=float(np.mean(rms > limit)),
-        most=PERSISTENCE.odd,
+        most=ADEQUACY.outside,
         tips_outside=outside / tips.size if tips.size else math.nan,
         tips_chance=float(scipy.special.bdtrc(outside - 1, tips.size, DEFAULTS.most_tips)),
         sure=RARE,

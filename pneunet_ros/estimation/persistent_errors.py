@@ -30,14 +30,13 @@ from pneunet_ros.measurement.errors.covariance import Whitening
 from pneunet_ros.measurement.errors.gaussian_model import GaussianModel
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.noise_model import camera_errors
-from pneunet_ros.measurement.inference.adequacy import RARE, RARELY
+from pneunet_ros.measurement.inference.adequacy import ADEQUACY, LARGEST_95, RARE, RARELY
 from pneunet_ros.measurement.painted_targets import paint
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.arm import Arm
 import scipy
 
 READINGS = PRESSURE + 1  # number of errors of a frame due to its own readings; these come first
-LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 FEWEST_FRAMES = 20  # for a verdict
 SEEN = 0.1  # of the variance of a prior: with a smaller reduction the unknown is not observed
@@ -51,17 +50,6 @@ class PersistenceSettings:
     frames: int = tuning(
         200,
         'number of frames used, evenly spread over a recording, up to twice as many',
-        source='sweep',
-    )
-    odd: float = tuning(
-        0.05,
-        'largest share of outlier frames of a correct model, which show no persistent errors',
-        source='sweep',
-    )
-    camera: float = tuning(
-        0.01,
-        'displacement of the camera, which is not an error of the arm',
-        unit='length',
         source='sweep',
     )
     white_error: float = tuning(0.05, 'relative error of the std of white noise', source='sweep')
@@ -195,7 +183,7 @@ def persistent_errors(kept: Sequence[FrameEvidence], arm: Arm) -> PersistentErro
     of each frame are those of its readings, and the white noise of targets.
     """
     odd = [frame.beyond for frame in kept]
-    if any(odd) and np.mean(odd) <= PERSISTENCE.odd:
+    if any(odd) and np.mean(odd) <= ADEQUACY.outside:
         kept = [frame for frame in kept if not frame.beyond]
     if len(kept) < FEWEST_FRAMES:
         return None
@@ -278,8 +266,8 @@ def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
         places, columns = placing * placement_std, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])
     progress = (stamps - stamps.min()) / max(int(np.ptp(stamps)), 1)
-    anywhere = math.hypot(noise.registration_std, PERSISTENCE.camera * arm.length)
-    prior = path_prior(replace(noise, registration_std=anywhere))
+    # A displaced camera is no error of the arm.
+    prior = path_prior(replace(noise, registration_std=arm.length))
     path = path_weights(progress) @ np.linalg.cholesky(prior)
     camera = np.zeros((count, 2, targets, 2, path.shape[1]))
     camera[:, 0, :, 0] = camera[:, 1, :, 1] = path[:, None]

@@ -17,6 +17,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.stamps import match_stamps, Stamps
 from pneunet_ros.measurement.errors.white_noise import white_std
+from pneunet_ros.measurement.inference.adequacy import LARGEST_95
 
 END = 1e-6  # m; a curve is known this far beyond its last station: rounding of float32
 # Largest differences between two sides of one run. Invented.
@@ -24,7 +25,6 @@ LONGER = 1.05  # ratio of the lengths of both arms, each up to its known end
 STRETCHED = 1.3  # distance of the first and last target, over that along the arm
 OTHER_PRESSURE = 0.1  # root mean square difference of pressures, over their span
 NOISE = 3.0  # sigma of the readings, the same: three sigma
-LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

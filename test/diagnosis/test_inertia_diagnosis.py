@@ -19,6 +19,7 @@ from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inference.adequacy import SIGNIFICANT_FALL
 from pneunet_ros.model.motion import Motion
 import pytest
 from support.lab_run import run_of, true_model
@@ -98,7 +99,7 @@ def test_held_out_swings_that_fall_by_nothing_are_no_name():
         return Swings((still,), (left,), (np.zeros_like(still),), rest).fall(1e-4)
 
     assert fall(1.0) == 0.0
-    assert fall(1.01) < 0.0 < CONFIRMATION.fall < fall(0.9)
+    assert fall(1.01) < 0.0 < SIGNIFICANT_FALL < fall(0.9)
     assert fall(0.9) == pytest.approx(0.19 * 200, rel=0.2)
 
 

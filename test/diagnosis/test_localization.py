@@ -21,7 +21,7 @@ from pneunet_ros.diagnosis.localization import (
     TREND,
 )
 from pneunet_ros.diagnosis.result import AXES, Axis
-from pneunet_ros.diagnosis.settings import LOCALIZATION
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 import pytest
 from support.lab_designs import design, fitted, FRAMES, TRAINING
 
@@ -101,7 +101,7 @@ def test_a_misfit_while_the_pressure_falls():
     falling, rising = (one for one in misfit_shares(found) if one.axis == 'direction')
     assert (falling.start, falling.stop, rising.start) == (-1.0, -1.0, 1.0)
     assert falling.share > 0.95
-    assert rising.p_value > LOCALIZATION.significant > falling.p_value
+    assert rising.p_value > LACK_OF_FIT.level > falling.p_value
     assert rising_to_falling_ratio(found) < 1.0 / TREND
 
 

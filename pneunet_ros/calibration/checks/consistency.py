@@ -14,6 +14,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.notes import Note
 from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inference.adequacy import ADEQUACY
 from pneunet_ros.measurement.linearization import FittedRun
 
 # Halved or doubled, these move no figure of acceptance/sweep.py.
@@ -140,7 +141,7 @@ def misfit_of_few(fit: Fit) -> Note | None:
         np.concatenate([values[counted] for values, counted in zip(parts, counts, strict=True)])
         for parts in ([run.whitened for run in fit.runs], [run.dof for run in fit.runs])
     )
-    worst = np.argsort(-whitened / dof)[: round(CONSISTENCY.few_frames * dof.size)]
+    worst = np.argsort(-whitened / dof)[: round(ADEQUACY.outside * dof.size)]
     missed = worst[whitened[worst] > CONSISTENCY.misfit * dof[worst]]
     remaining = np.delete(np.arange(dof.size), worst)
     if not missed.size or whitened[remaining].sum() > CONSISTENCY.as_noise * dof[remaining].sum():
@@ -205,5 +206,5 @@ def outlier_recordings(fit: Fit) -> list[Note]:
 def typical_chi_squared(run: FittedRun) -> float:
     """Return the chi squared per coordinate of a run, without its few worst frames."""
     order = np.argsort(run.whitened / np.maximum(run.dof, 1))
-    kept = order[: order.size - round(CONSISTENCY.few_frames * order.size)]
+    kept = order[: order.size - round(ADEQUACY.outside * order.size)]
     return float(run.whitened[kept].sum()) / max(int(run.dof[kept].sum()), 1)

@@ -14,6 +14,7 @@ from operator import attrgetter
 import zlib
 
 import numpy as np
+from pneunet_ros.calibration.noise_estimate import placement_freedom
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.fit.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
@@ -161,7 +162,7 @@ class TestedProblem:
         # The part of the score due to larger errors of placement and camera than expected.
         placement = sum(item.T @ self.placement[which] for which, item in pairs)
         moved = basis.T @ (placement - solved.T @ self.placement_shared)
-        disturbances = [(LACK_OF_FIT.placement_dof, moved)]
+        disturbances = [(placement_freedom(self.placement[0].shape[1] // 2), moved)]
         for which, item in pairs:
             camera = item.T @ self.camera[which] - solved.T @ self.camera_shared[which]
             disturbances.append((LACK_OF_FIT.camera_dof, basis.T @ camera))
@@ -183,7 +184,6 @@ def clean_moments(
         return 0.0, 0.0
     random = np.random.default_rng([seed, zlib.crc32(name.encode())])
     draws = random.standard_normal((DRAWS, dof))
-    draws *= 1.0 + LACK_OF_FIT.white_error * random.standard_normal((DRAWS, 1))
     for values, response in disturbances:
         factor = values / random.chisquare(values, (DRAWS, 1))
         std = np.sqrt(np.maximum(factor - 1.0, 0.0))

@@ -11,7 +11,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import AXES, Axis, HeatMap, Share
-from pneunet_ros.diagnosis.settings import LOCALIZATION
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture
 from pneunet_ros.reports.style import FIRST, legend, panels, same_height
@@ -96,7 +96,7 @@ def borders(places: Array) -> Array:
 
 def shares(data: FigureData) -> Picture | None:
     """Draw the shares of the misfit over every axis."""
-    where, p_value = data.diagnosis.where, LOCALIZATION.significant
+    where, p_value = data.diagnosis.where, LACK_OF_FIT.level
     shown = [axis for axis in AXES if any(item.axis == axis for item in where)]
     if not shown:
         return None
