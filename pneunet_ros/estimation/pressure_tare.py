@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.measurement.meaning.pressure_convention import ABSOLUTE, PressureConvention
-from pneunet_ros.measurement.meaning.pressure_judge import expected_of, JUDGE
+from pneunet_ros.measurement.meaning.pressure_judge import expected_of, JUDGE, ZERO_ERROR
 from pneunet_ros.model.arm import Arm
 
 # The pressure of a vented arm varies far less than this, that of one in use far more.
@@ -35,7 +35,7 @@ def pressure_zero(
     noise = NOISE_BAND * arm.sensors.pressure_std
     if not change <= max(noise, LARGEST_CHANGE * (high - low)):
         return None, f'the pressure varies by {change:.4g} Pa; keep the vented arm still'
-    largest = min(JUDGE.offset, JUDGE.zero_span * expected_of(arm).reach)
+    largest = min(ZERO_ERROR, JUDGE.zero_span * expected_of(arm).reach)
     if abs(mean) > largest:
         name, value = 'pressure_offset', -mean
         if untared.reference == ABSOLUTE:

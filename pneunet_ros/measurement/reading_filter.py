@@ -28,10 +28,10 @@ class ReadingFilterSettings:
     """Thresholds at which noise no longer explains a deviation from a straight line."""
 
     corner: float = tuning(
-        25.0, 'significant improvement by a second line', unit='chi squared', source='sweep'
-    )
-    slope: float = tuning(
-        9.0, 'significant improvement by a slope', unit='chi squared', source='sweep'
+        25.0,
+        'significant improvement by a slope, or by a second line',
+        unit='chi squared',
+        source='sweep',
     )
     scatter: float = tuning(
         4.0,
@@ -190,7 +190,7 @@ class Lines:
             return np.asarray(self.level + self.std * part)
         time = self.time[first : last + 1] - self.time[first : last + 1].mean()
         tt, tp = float(time @ time), float(time @ part)
-        slope = tp / tt if tp**2 > READING_FILTER.slope * tt else 0.0
+        slope = tp / tt if tp**2 > READING_FILTER.corner * tt else 0.0
         line = part.mean() + slope * time
         return np.asarray(self.level + self.std * line)
 

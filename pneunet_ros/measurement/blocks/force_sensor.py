@@ -23,20 +23,17 @@ class ForceSensor(Block):
 
     scale: float
     is_there: bool = True
-    offset_std: float = tuning(
+    error_std: float = tuning(
         0.0003,
-        'std of the offset of a healthy force sensor',
+        'std of the gain error of a healthy force sensor, and of its offset',
         unit='of the force scale',
         source='sweep',
-    )
-    gain_std: float = tuning(
-        0.0003, 'std of the gain error of a healthy force sensor', source='sweep'
     )
 
     @property
     def std(self) -> Array:
         """Standard deviations of a healthy sensor."""
-        return np.array([*[self.offset_std * self.scale] * 2, self.gain_std])
+        return self.error_std * self.off_std
 
     @property
     def innocent_std(self) -> Array:

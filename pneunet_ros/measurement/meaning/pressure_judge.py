@@ -15,6 +15,7 @@ import math
 
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals, PRESSURE_UNITS
+from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.measurement.meaning.pressure_convention import ABSOLUTE, GAUGE, PressureConvention
 from pneunet_ros.measurement.meaning.reading_judge import (
     JudgeSettings,
@@ -30,40 +31,17 @@ from pneunet_ros.model.domain import DOMAIN
 class PressureJudgeSettings(JudgeSettings):
     """Priors of pressure conventions, and the odds required to decide."""
 
-    absolute: float = tuning(
-        0.05,
-        'prior of the other reference (gauge or absolute)',
-        source=('convention: nineteen of twenty users set it correctly'),
-    )
-    reversed: float = tuning(
-        0.03, 'prior of swapped ports', source='convention: as likely as another unit'
-    )
-    unset_zero: float = tuning(
-        0.03, 'prior of a zero that was never set', source='convention: as likely as another unit'
-    )
     zero_span: float = tuning(
         0.2,
         'one sigma of a zero that was never set',
         unit='of the range',
         source='convention: beyond it, a sensor counts as broken',
     )
-    vented: float = tuning(
-        0.9,
-        'share of recordings in which the arm is vented at some time',
-        source='convention: nine of ten',
-    )
-    at_rest: float = tuning(
+    unusual: float = tuning(
         0.1,
-        'share of recordings in which the arm is always vented',
+        'share of recordings in which the arm is always vented, or never, or is another one than '
+        'the shipped one although no model is given',
         source='convention: one of ten',
-    )
-    vacuum: float = tuning(
-        0.001,
-        'share of recordings with pressures of the sign opposite to the calibration',
-        source='convention: one of a thousand',
-    )
-    offset: float = tuning(
-        2e3, 'zero error of a gauge', unit='Pa', source='literature: prior of pressure_offset'
     )
     decades: float = tuning(
         6.0,
@@ -75,11 +53,6 @@ class PressureJudgeSettings(JudgeSettings):
         1e-4,
         'share of recordings of an arm with a very different range from that of the model',
         source='convention: so small that the range counts',
-    )
-    other_actuator: float = tuning(
-        0.1,
-        'share of recordings of another arm than the shipped one, if no model is given',
-        source='convention: nine of ten users with another arm give its model',
     )
     noise_spread: float = tuning(
         5.0,
@@ -109,6 +82,8 @@ class PressureJudgeSettings(JudgeSettings):
 
 
 JUDGE = PressureJudgeSettings()
+# Largest zero error of a usual gauge (Pa), of either sign.
+ZERO_ERROR = float(PressureOffset.__dataclass_fields__['offset'].metadata['prior'][1])
 USUAL_UNITS = ('Pa', 'hPa', 'kPa', 'bar', 'psi')
 RARE_UNITS = ('MPa', 'mmHg')  # all others are close to one of these, or are stated by users
 # Atmospheric pressure (Pa) below 500 m, where 0.75 of all people live (Cohen and Small, PNAS 95,
@@ -247,9 +222,7 @@ ANY_ACTUATOR = tuple(
 
 def expected_without_model(shipped: Arm) -> tuple[ExpectedPressure, ...]:
     """Return the readings expected without a model: of the shipped arm, or of any other arm."""
-    other_actuators = (
-        replace(one, share=JUDGE.other_actuator * one.share) for one in ANY_ACTUATOR
-    )
+    other_actuators = (replace(one, share=JUDGE.unusual * one.share) for one in ANY_ACTUATOR)
     return (expected_of(shipped), *other_actuators)
 
 
@@ -453,16 +426,16 @@ def log_prior(
         rare = meaning.unit in RARE_UNITS
         weight += math.log(JUDGE.other_unit / (RARER if rare else 1.0))
     if meaning.reference != declared.reference:
-        weight += math.log(JUDGE.absolute)
+        weight += math.log(JUDGE.uncommon)
     if meaning.sign != declared.sign:
-        weight += math.log(JUDGE.reversed)
+        weight += math.log(JUDGE.other_unit)
     if meaning.offset not in (0.0, declared.offset):
-        smallest_offset = min(JUDGE.offset, DOMAIN.pressure_margin * expected.reach)
+        smallest_offset = min(ZERO_ERROR, DOMAIN.pressure_margin * expected.reach)
         if abs(meaning.offset - declared.offset) < smallest_offset:
             return IMPOSSIBLE  # a zero error, not another meaning
-        spread = math.hypot(JUDGE.zero_span * expected.reach, JUDGE.offset)
+        spread = math.hypot(JUDGE.zero_span * expected.reach, ZERO_ERROR)
         deviation = meaning.offset / spread
-        weight += math.log(JUDGE.unset_zero) - 0.5 * deviation * deviation
+        weight += math.log(JUDGE.other_unit) - 0.5 * deviation * deviation
     return weight
 
 
@@ -476,32 +449,32 @@ def log_likelihood(
     low, high = sorted((meaning.gauge(features.low), meaning.gauge(features.high)))
     log_uniform = 1.0 / (JUDGE.decades * math.log(10.0))
     rest = max(low, -high, 0.0)
-    held = (1.0 - JUDGE.vented) * min(rest / expected.reach, 1.0)
+    held = JUDGE.unusual * min(rest / expected.reach, 1.0)
     if expected.vented:
         rest, held = min(abs(meaning.gauge(end)) for end in features.ends), 0.0
-    at_zero = normal(rest / JUDGE.offset)
+    at_zero = normal(rest / ZERO_ERROR)
     absolute = meaning.reference == ABSOLUTE
     air = air_density(meaning.ambient) if absolute else 0.0
-    vented = JUDGE.vented * at_zero * (air if absolute else log_uniform)
+    vented = (1.0 - JUDGE.unusual) * at_zero * (air if absolute else log_uniform)
     if absolute and meaning.ambient != declared.ambient:
         held = 0.0  # the lowest reading is the ambient pressure
-    above = high if expected.high > JUDGE.offset else 0.0
-    below = -low if expected.low < -JUDGE.offset else 0.0
+    above = high if expected.high > ZERO_ERROR else 0.0
+    below = -low if expected.low < -ZERO_ERROR else 0.0
     used = min(max(above, below, 0.0) / expected.reach, 1.0)
     # The largest pressure of a complete recording tends to be near the limit: Beta(2, 1).
-    active = (1.0 - JUDGE.at_rest) * (2.0 * used**2 if features.complete else used)
+    active = (1.0 - JUDGE.unusual) * (2.0 * used**2 if features.complete else used)
     constant = features.constant
-    near_zero = normal(max(-low, high) / JUDGE.offset) * constant
-    resting = 0.0 if features.moves else JUDGE.at_rest * log_uniform * near_zero
-    least = JUDGE.offset  # a calibration contains its zero error
+    near_zero = normal(max(-low, high) / ZERO_ERROR) * constant
+    resting = 0.0 if features.moves else JUDGE.unusual * log_uniform * near_zero
+    least = ZERO_ERROR  # a calibration contains its zero error
     wrong_side = max(
         -low if expected.low > -least else 0.0, high if expected.high < least else 0.0
     )
-    vacuum = JUDGE.vacuum + normal(wrong_side / JUDGE.offset)
+    vacuum = JUDGE.rare + normal(wrong_side / ZERO_ERROR)
     margin = DOMAIN.pressure_margin
     span = max(expected.high, 0.0) - min(expected.low, 0.0)
     excess = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
-    leaves = JUDGE.leaves * normal(excess / JUDGE.beyond)
+    leaves = JUDGE.uncommon * normal(excess / JUDGE.beyond)
     inside = 1.0 if excess <= margin else leaves + JUDGE.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE

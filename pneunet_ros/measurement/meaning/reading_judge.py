@@ -30,8 +30,8 @@ class JudgeSettings:
 
     other_unit: float = tuning(
         0.02,
-        'prior of each other unit that drivers and data sheets often use, and of axes rotated by '
-        'a right angle',
+        'prior of each other unit that drivers and data sheets often use, of axes rotated by a '
+        'right angle, of swapped ports, and of a zero that was never set',
         source='convention: messages are defined in SI',
     )
     log_odds: float = tuning(
@@ -39,10 +39,17 @@ class JudgeSettings:
         'log odds at which another meaning is accepted',
         source='literature: Kass and Raftery (1995), strong evidence: 20 to 1',
     )
-    leaves: float = tuning(
+    uncommon: float = tuning(
         0.05,
-        'share of recordings beyond the calibrated pressures or loads',
+        'prior of the other reference (gauge or absolute), of the reaction read instead of the '
+        'load, and share of recordings beyond the calibrated pressures or loads',
         source='convention: one of twenty',
+    )
+    rare: float = tuning(
+        0.001,
+        'share of recordings with pressures of the sign opposite to the calibration, or with '
+        'loads of any size',
+        source='convention: one of a thousand',
     )
     beyond: float = tuning(
         0.3,

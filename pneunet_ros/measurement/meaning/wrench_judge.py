@@ -35,19 +35,6 @@ Forces = npt.NDArray[np.complex128]
 class WrenchJudgeSettings(JudgeSettings):
     """Priors for the convention of a force sensor, and the required odds."""
 
-    reversed: float = tuning(
-        0.05,
-        'prior of reading the reaction instead of the load',
-        source='convention: sensors at the base of the pulled object report it',
-    )
-    untared: float = tuning(
-        0.01,
-        'prior of a sensor that was not tared',
-        source=('convention: half of that of another unit'),
-    )
-    idle: float = tuning(
-        0.002, 'probability of loads of any size', source='convention: one of five hundred'
-    )
     model_error: float = tuning(
         0.15,
         'error of the force estimated from targets',
@@ -271,13 +258,13 @@ def log_prior(meaning: WrenchConvention, declared: WrenchConvention) -> float:
     if meaning.unit != declared.unit:
         weight += math.log(JUDGE.other_unit)
     if meaning.sign != declared.sign:
-        weight += math.log(JUDGE.reversed)
+        weight += math.log(JUDGE.uncommon)
     turn = math.remainder(meaning.yaw - declared.yaw, 2.0 * math.pi)
     if turn:
         right = abs(abs(turn) - 0.5 * math.pi) < 1e-9
         weight += math.log(JUDGE.other_unit / (1.0 if right else RARER))
     if meaning.offset != declared.offset:
-        weight += math.log(JUDGE.untared)
+        weight += math.log(JUDGE.other_unit)
     return weight
 
 
@@ -290,8 +277,8 @@ def log_range(readings: Forces, meaning: WrenchConvention, expected: ExpectedLoa
     beyond = expected.beyond(force)
     # Student's t with three degrees of freedom: loads of another experiment are possible.
     squared_deviation = (beyond / JUDGE.beyond) ** 2
-    inside = 1.0 if beyond == 0.0 else JUDGE.leaves / (1.0 + squared_deviation) ** 2
-    return math.log(2.0 * used**2 + JUDGE.idle) + math.log(inside)
+    inside = 1.0 if beyond == 0.0 else JUDGE.uncommon / (1.0 + squared_deviation) ** 2
+    return math.log(2.0 * used**2 + JUDGE.rare) + math.log(inside)
 
 
 def log_shown(shown: ShownForces | None, meaning: WrenchConvention) -> float:
