@@ -607,7 +607,7 @@ def test_a_contact_is_not_told_from_a_sensor_that_reads_a_fifth_too_little():
 
 def test_a_sensor_that_is_known_to_a_hair_is_trusted_for_ever():
     arm, unknowns = fusion().arm, fusion().model.unknowns
-    exact = replace(unknowns.block(ForceSensor), offset_std=0.0, gain_std=0.0)
+    exact = replace(unknowns.block(ForceSensor), error_std=0.0)
     found = fuse(
         Fusion(arm=arm, unknowns=unknowns.changed(exact)), with_wrench=True, frames=range(50)
     )
