@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import seconds_between
+from pneunet_ros.fusion.inertial_force import InertialForce
+from pneunet_ros.fusion.readings import ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.blocks.block import Passage
 from pneunet_ros.measurement.blocks.contact import Push
@@ -39,7 +41,9 @@ class Belief(Gaussian):
     walk: random walk of the forces; sizes (sizes,): log weights of the possible sizes of the model
     error; chamber: the pressure reading (Pa), NaN if there was none; solution: the rod at the
     frame, None before the first; frames: number used so far; causes: names of the active causes;
-    reference: reference of a swing, None if the model has no `motion`, or before any frame.
+    reference: reference of a swing, None if the model has no `motion`, or before any frame;
+    inertial: what the forces say of a mass that the model does not have; last: the last frame, and
+    rest: the last one of an arm at rest, None if that is not known.
     """
 
     stamp_ns: int
@@ -50,6 +54,9 @@ class Belief(Gaussian):
     frames: int = 0
     causes: frozenset[str] = frozenset()
     reference: Reference | None = None
+    inertial: InertialForce | None = None
+    last: TakenFrame | None = None
+    rest: TakenFrame | None = None
 
     @property
     def unpressed(self) -> bool:
@@ -60,6 +67,20 @@ class Belief(Gaussian):
     def touched(self) -> bool:
         """Whether something touches the arm."""
         return CONTACT in self.causes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TakenFrame:
+    """A frame and the belief before it.
+
+    is_steady: whether the pressure was the same in the frame before; swing (2,): one sigma of the
+    deviation of the tip from equilibrium (m) and of its velocity (m/s), infinite if unknown.
+    """
+
+    before: Belief
+    frame: ReadFrame
+    is_steady: bool
+    swing: tuple[float, float] = (math.inf, math.inf)
 
 
 def first_belief(

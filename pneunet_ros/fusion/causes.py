@@ -35,6 +35,7 @@ from pneunet_ros.fusion.hypothesis_update import (
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
+from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tilt import Tilt
@@ -407,6 +408,10 @@ class MotionCause(Cause):
         'weight, and a typical damping. Calibrate with --motion'
     )
 
+    def log_odds_so_far(self, model: PreparedModel, belief: Belief) -> float:
+        """Weigh a mass whose inertia a tip force has explained so far."""
+        return -math.inf if belief.inertial is None else belief.inertial.log_odds
+
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Return whether the model has no motion."""
         return model.moving is not None
@@ -414,7 +419,11 @@ class MotionCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try a swing since the last frame, by an unknown force, or from the start."""
+        """Try a swing since the last frame, from the start, or since the arm was at rest.
+
+        Since the last frame it swings by an unknown force. That an arm at rest began to swing is
+        a prediction, so earlier frames may speak against it.
+        """
         before, fit = updated.before, updated.update.fit
         if fit is None:
             return
@@ -427,13 +436,49 @@ class MotionCause(Cause):
         mean[force] = force_at(fit[0], fit[1].trial)  # the search begins there
         solution = fit[1].trial.bent.solution
         recent = replace(recent, mean=freeze(mean), solution=solution)
-        for other, earlier in (
-            (recent, 0.0),
-            (first, -RESET_RARITY * model.settings.odds_against),
-        ):
+        odds = 0.0 if before.inertial is None else before.inertial.log_odds
+        earlier, lost = max(odds, 0.0), RESET_RARITY * model.settings.odds_against
+        begun = [(recent, earlier), (first, earlier - lost)]
+        if odds or not updated.explained:
+            begun += [(since, odds) for since in self.since_rest(model, updated)]
+        for other, favored in begun:
             swinging = update_from(model, updated, other)
             if not swinging.misfits:  # if not, it is unmodeled noise, not a swing
-                yield swinging, earlier
+                yield swinging, favored
+
+    def since_rest(self, model: PreparedModel, updated: HypothesisUpdate) -> Iterator[Belief]:
+        """Yield the belief of an arm with mass after the last frame in which it was at rest.
+
+        Nothing if there is no such frame, the readings since then are no longer kept, or what they
+        mean has changed.
+        """
+        before, frame = updated.before, updated.frame
+        rest, readings = before.rest, frame.before
+        if rest is None or not readings or readings[0].stamp_ns > rest.frame.stamp_ns:
+            return
+        changed = (before.causes ^ rest.before.causes) & {MIRRORED, FORCE_SENSOR}
+        if changed or rest.frame.stamp_ns >= frame.stamp_ns:
+            return
+        causes = rest.before.causes | {self.name}
+        model = model.of(causes)
+        first = first_belief(model.unknowns, rest.before.stamp_ns, causes)
+        still = nearly_at_rest(model, extended(rest.before, first), rest.swing)
+        after = update_with_walk(model, rest.frame, still).update.belief
+        if after is not None:
+            yield after
+
+
+def nearly_at_rest(model: PreparedModel, belief: Belief, swing: tuple[float, float]) -> Belief:
+    """Return a belief with a smaller swing: one sigma of the tip (m) and its velocity (m/s)."""
+    assert model.swinging is not None
+    deviation, velocity = model.swinging.first_swing
+    where, root = model.unknowns.at(Motion).start, belief.root.copy()
+    for part, share in (
+        (Motion.PLACE, swing[0] / deviation),
+        (Motion.MOMENTUM, swing[1] / velocity),
+    ):
+        root[where + part.start : where + part.stop] *= min(share, 1.0)
+    return replace(belief, root=freeze(root))
 
 
 def extended(known: Belief, first: Belief) -> Belief:

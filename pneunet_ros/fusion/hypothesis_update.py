@@ -9,7 +9,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.belief import Belief, MOTION, TakenFrame
 from pneunet_ros.fusion.bent_arm import bend_arm, causes_with_contact
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import (
@@ -22,6 +22,7 @@ from pneunet_ros.fusion.frame_update import (
     take_frame,
     with_belief,
 )
+from pneunet_ros.fusion.inertial_force import TipInFrame
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
 from pneunet_ros.fusion.swinging import propagate_swing, with_blow_on_contact
@@ -29,6 +30,7 @@ from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError, UNREAD
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import LAW
+from pneunet_ros.measurement.inference.adequacy import RARELY
 from pneunet_ros.measurement.inference.gaussian import innovation_factor, widen, with_columns
 from pneunet_ros.measurement.inference.variance_component import ErrorGrowth
 from pneunet_ros.measurement.swinging_arm import ERRORS
@@ -182,7 +184,42 @@ def update_with_walk(
         widely=cold if widely is None else widely,
         believed=believed,
     )
-    return HypothesisUpdate(frame=frame, before=before, problem=problem, update=update)
+    updated = HypothesisUpdate(frame=frame, before=before, problem=problem, update=update)
+    return updated if update.belief is None else with_inertial_force(model, updated)
+
+
+def with_inertial_force(model: PreparedModel, updated: HypothesisUpdate) -> HypothesisUpdate:
+    """Return the update of an arm at rest with what its force says of a mass.
+
+    A force that is read says nothing: it stays as it is while the arm swings. Neither does a frame
+    in which the last target is hidden.
+    """
+    before, after, fit = updated.before, updated.after, updated.update.fit
+    if model.inertial is None or fit is None or MOTION in before.causes:
+        return updated
+    if not fit[0].used[-1]:
+        return updated
+    shape, tip = fit[1].trial.bent.shape, updated.problem.unknowns.at(TipForce)
+    seen = TipInFrame(
+        stamp_ns=after.stamp_ns,
+        place=np.array([shape.x[-1], shape.y[-1]]),
+        place_variance=float(fit[0].std[-1]) ** 2,
+        force=after.mean[tip],
+        force_variance=np.diag(after.covariance_of(tip)),
+    )
+    frame = model.used(updated.frame, before.causes)
+    inertial = (before.inertial or model.inertial).after(seen, is_free=frame.wrench is None)
+    change = math.inf if frame.alone else abs(frame.instant.chamber - before.chamber)
+    taken = TakenFrame(
+        before=replace(before, last=None, rest=None),
+        frame=updated.frame,
+        is_steady=change <= RARELY * math.sqrt(2.0) * frame.instant.std,
+    )
+    rest, swing = before.rest, inertial.swing_at_rest()
+    if before.last is not None and before.last.is_steady and swing is not None:
+        rest = replace(before.last, swing=swing)
+    after = replace(after, inertial=inertial, last=taken, rest=rest)
+    return replace(updated, update=replace(updated.update, belief=after))
 
 
 def problem_of(

@@ -14,6 +14,7 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, MIRRORED, MOTION, move_belief, PRESSURE
 from pneunet_ros.fusion.frame_update import EXACT
+from pneunet_ros.fusion.inertial_force import InertialForce
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.fusion.unknowns import unknowns_of
@@ -56,8 +57,8 @@ class PreparedModel:
 
     arclength (stations,) m: stations of an estimate; places (n,) m: stations and targets in order
     along the arm, of_stations and of_targets: their indices. given: the unknowns, None for
-    `unknowns_of` the arm; moving: this model for a swinging arm if the arm has no `motion`. Raises
-    ModelError if the arm has no targets.
+    `unknowns_of` the arm; moving: this model for a swinging arm if the arm has no `motion`;
+    inertial: no evidence for this mass yet. Raises ModelError if the arm has no targets.
     """
 
     arm: Arm
@@ -72,6 +73,7 @@ class PreparedModel:
     unknowns: Unknowns = field(init=False, repr=False)
     swinging: SwingingArm | None = field(init=False, repr=False)
     moving: PreparedModel | None = field(init=False, repr=False)
+    inertial: InertialForce | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations, the table of the model's neighbors, and the unknowns."""
@@ -106,6 +108,7 @@ class PreparedModel:
             )
         object.__setattr__(self, 'swinging', swinging)
         object.__setattr__(self, 'moving', self._moving())
+        object.__setattr__(self, 'inertial', self._inertial())
 
     def _moving(self) -> PreparedModel | None:
         """Return the model with a likely inertia; None if it is known, or the stiffness is not."""
@@ -115,6 +118,19 @@ class PreparedModel:
             return None
         motion = likely_motion(self.arm)
         return None if motion is None else replace(self, arm=replace(self.arm, motion=motion))
+
+    def _inertial(self) -> InertialForce | None:
+        """Return no evidence yet for the likely inertia; None if there is no such."""
+        if self.moving is None or self.moving.swinging is None:
+            return None
+        swinging, rates = self.moving.swinging, self.unknowns.block(TipForce).rates
+        frequency = float(swinging.moving.modes.frequency[0])
+        return InertialForce(
+            mass=swinging.mass_at_tip,
+            frequency=frequency,
+            rates=rates,
+            evidence=np.zeros((2, rates.size)),
+        )
 
     @property
     def swings(self) -> bool:

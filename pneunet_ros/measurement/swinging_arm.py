@@ -209,6 +209,22 @@ class SwingingArm:
         assert modes is not None  # `MovingArm` includes the slower ones
         object.__setattr__(self, 'next_shapes', modes.shape[Motion.SHAPES :])
 
+    @property
+    def mass_at_tip(self) -> float:
+        """Force at the tip per acceleration (kg) of the last target, in the first mode."""
+        moved = np.append(
+            0.0, np.cumsum(self.moving.modes.shape[0]) * self.moving.arm.reach / LINKS
+        )
+        joints = np.linspace(0.0, self.moving.arm.reach, LINKS + 1)
+        target = float(np.interp(self.moving.arm.target_arclength[-1], joints, moved))
+        return 1.0 / abs(float(moved[-1]) * target)
+
+    @property
+    def first_swing(self) -> tuple[float, float]:
+        """One sigma of the tip (m) and its velocity (m/s) in a swing of which nothing is known."""
+        deviation = float(tips_of(self.moving)[0] * self.start[0])
+        return deviation, deviation * float(self.moving.modes.frequency[0])
+
     def part(self, which: slice) -> slice:
         """Return the slice of one part (of `Motion`) of the unknowns of this frame."""
         return slice(self.where.start + which.start, self.where.start + which.stop)
@@ -602,13 +618,17 @@ def between(before: Links, after: Links, share: float) -> Links:
     )
 
 
+def tips_of(moving: MovingArm) -> Array:
+    """Return how far (modes,) m the tip moves by each shape of unit modal mass."""
+    return np.asarray(np.abs(moving.modes.shape.sum(axis=1)) * moving.arm.reach / LINKS)
+
+
 def motion_block(moving: MovingArm, start: float) -> Motion:
     """Return the unknowns of a moving arm; start: initial amplitude at the tip over the length.
 
     Shapes have unit modal mass, so momenta are modal velocities.
     """
-    modes = moving.modes
-    tips = np.abs(modes.shape.sum(axis=1)) * moving.arm.reach / LINKS
+    modes, tips = moving.modes, tips_of(moving)
     place = start * moving.arm.length / tips[0] * (modes.frequency[0] / modes.frequency) ** 2
     return Motion(
         place_std=freeze(place),

@@ -360,3 +360,28 @@ def test_a_mirror_begins_while_an_arm_swings_only_if_its_motion_is_known(known):
     assert rivals == 0
     assert (MIRRORED in state.certain_causes) == known
     assert (MOTION in state.certain_causes) != known
+
+
+def test_an_arm_that_begins_to_swing_is_named_and_nothing_else():
+    """A free force explains the first frames of a step; the swing is tried from before them."""
+    scenario, arm = recorded(False)[1], fusion().arm
+    share, pressure = (0.0, 0.5, 0.55, 1.0), (0.0, 0.0, 40e3, 40e3)
+    none = (0.0,) * len(share)
+    protocol = Corners(duration=2.0, share=share, pressure=pressure, force_x=none, force_y=none)
+    recording = simulate(dataclasses.replace(scenario, protocol=protocol))
+    covariance = ModelCovariance(quantities=('moment_law.rigidity.0.0',), factor=[[1e-6]])
+    by = Fusion(arm=dataclasses.replace(arm, covariance=covariance, motion=None))
+    state, named, missed = FusionState(), [], []
+    for instant, stamp in enumerate(recording.stamp_ns.tolist()):
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            state = by.settle(by.step(state, sightings(recording, instant - LATE))[0])
+            named.append((recording.truth.time[instant], state.certain_causes))
+        reading = PressureReading(stamp_ns=stamp, pressure=float(recording.pressure[instant]))
+        state, estimate = by.step(state, reading)
+        if recording.truth.time[instant] > 1.3 and isinstance(estimate, FusedEstimate):
+            tip = np.array([recording.truth.x[instant, -1], recording.truth.y[instant, -1]])
+            missed.append(np.hypot(*(tip - np.array(estimate.estimate.shape.tip[:2]))))
+    assert all(causes <= {MOTION} for _, causes in named)
+    assert next(time for time, causes in named if causes) < 1.5  # the step begins at 1.0 s
+    assert state.certain_causes == {MOTION}
+    assert np.median(missed) < 1e-3

@@ -99,6 +99,11 @@ class TipForce(Block):
         return self.largest_walk * self.scale
 
     @property
+    def rates(self) -> Array:
+        """Random walks (N/sqrt(s)) of any load, from one at rest on, half a decade apart."""
+        return np.geomspace(LEAST_WALK, self.largest_walk, 6) * self.scale
+
+    @property
     def first(self) -> Walk:
         """The random walk before any frame."""
         walk = self.first_walk * self.scale
