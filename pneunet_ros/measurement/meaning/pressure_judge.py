@@ -428,7 +428,7 @@ def log_prior(
     if meaning.reference != declared.reference:
         weight += math.log(JUDGE.uncommon)
     if meaning.sign != declared.sign:
-        weight += math.log(JUDGE.other_unit)
+        weight += math.log(JUDGE.uncommon)
     if meaning.offset not in (0.0, declared.offset):
         smallest_offset = min(ZERO_ERROR, DOMAIN.pressure_margin * expected.reach)
         if abs(meaning.offset - declared.offset) < smallest_offset:

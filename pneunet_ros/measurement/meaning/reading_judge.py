@@ -31,7 +31,7 @@ class JudgeSettings:
     other_unit: float = tuning(
         0.02,
         'prior of each other unit that drivers and data sheets often use, of axes rotated by a '
-        'right angle, of swapped ports, and of a zero that was never set',
+        'right angle, and of a zero that was never set',
         source='convention: messages are defined in SI',
     )
     log_odds: float = tuning(
@@ -41,8 +41,8 @@ class JudgeSettings:
     )
     uncommon: float = tuning(
         0.05,
-        'prior of the other reference (gauge or absolute), of the reaction read instead of the '
-        'load, and share of recordings beyond the calibrated pressures or loads',
+        'prior of the other reference (gauge or absolute), of swapped ports, of the reaction read '
+        'instead of the load, and share of recordings beyond the calibrated pressures or loads',
         source='convention: one of twenty',
     )
     rare: float = tuning(
