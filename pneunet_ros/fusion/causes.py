@@ -439,6 +439,7 @@ class MotionCause(Cause):
         odds = 0.0 if before.inertial is None else before.inertial.log_odds
         earlier, lost = max(odds, 0.0), RESET_RARITY * model.settings.odds_against
         begun = [(recent, earlier), (first, earlier - lost)]
+        # Odds of exactly 0 are no evidence: then only a frame that needs a swing begins one.
         if odds or not updated.explained:
             begun += [(since, odds) for since in self.since_rest(model, updated)]
         for other, favored in begun:
