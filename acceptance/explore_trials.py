@@ -32,7 +32,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.exploration.experiment_design import Experiment
 from pneunet_ros.exploration.exploration import explore
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings

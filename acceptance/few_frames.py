@@ -25,8 +25,8 @@ if __name__ == '__main__':  # not where a test imports this: its processes would
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.files.json_text import plain
 from real_data_diagnosis import model, NOISE, recorded, WANTED
 from real_data_fit import Actuator, ASSUMED, DATA, missed, read_actuators, tips

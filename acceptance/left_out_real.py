@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from real_data_diagnosis import model, NOISE, recorded

@@ -28,8 +28,8 @@ if __name__ == '__main__':  # not where a test imports this: its processes would
 
 import numpy as np
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm

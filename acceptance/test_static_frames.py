@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.measurement.tip_frame import TIP_FRAME
 import pytest
 from static_frames import diagnosed, Found, made, model, recorded, summary, WANTED

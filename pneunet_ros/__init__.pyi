@@ -4,12 +4,12 @@ from pneunet_ros.calibration.calibration import Calibration as Calibration
 from pneunet_ros.core.readings import PressureReading as PressureReading
 from pneunet_ros.core.readings import TargetSightings as TargetSightings
 from pneunet_ros.core.readings import WrenchReading as WrenchReading
-from pneunet_ros.diagnosis.diagnosis import diagnose as diagnose
 from pneunet_ros.diagnosis.result import Diagnosis as Diagnosis
 from pneunet_ros.estimation.estimate import ShapeEstimate as ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator as Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings as EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState as EstimatorState
+from pneunet_ros.exploration.proposal import diagnose as diagnose
 from pneunet_ros.files.model_file import load_model as load_model
 from pneunet_ros.files.model_file import save_model as save_model
 from pneunet_ros.fusion.estimate import FusedEstimate as FusedEstimate

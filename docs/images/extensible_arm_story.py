@@ -21,8 +21,8 @@ from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_effects import LabExtensibility
 from pneunet_ros.lab.protocols import Strings

@@ -22,6 +22,8 @@ from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.effects.user_effects import add_effects
+from pneunet_ros.exploration.proposal import with_proposal
+from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model, model_hash, save_model
 from pneunet_ros.measurement.dataset import RecordingData
@@ -147,7 +149,8 @@ class SurveyWork:
             settings=replace(DEFAULTS, declared=declared),
         )
         discovery = discover(investigation)
-        diagnosis = investigation.overruled(discovery.overruling).diagnosis
+        overruled = investigation.overruled(discovery.overruling)
+        diagnosis = with_proposal(overruled, SafeSet.of(model)).diagnosis
         fitted = (*arm.roles['unloaded'], *arm.roles['loaded'])
         provenance = {
             'model': {'file': CALIBRATED, 'content_sha256': model_hash(model)},

@@ -10,7 +10,6 @@ from pneunet_ros.core.notes import Note
 from pneunet_ros.diagnosis.confirmation import error_increase
 from pneunet_ros.diagnosis.decision import closest_notes
 from pneunet_ros.diagnosis.evaluation import adequacy, misfit, noise_floor, removed_share, scores
-from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.fit.augmented_model import (
     augment_model,
     describe_effects,
@@ -73,8 +72,6 @@ def conclude(
     left, worst = verdict.trial.record.tests, worst_test(first.record.tests)
     same = next((item for item in left if item.name == worst.name), worst)
     cosines = effect_cosines(first.refit.gaussian, candidates)
-    wanted = wanted_candidates(verdict, candidates, detectable)
-    rivals = wanted if verdict.alternatives else ()
     removed = removed_share(before.rms, after.rms, floor)
     effects = describe_effects(verdict.trial.refit, verdict.probability)
     return Diagnosis(
@@ -98,9 +95,6 @@ def conclude(
         shift=parameter_shifts(before.fit, after.fit) if added else {},
         evidence=collect_evidence(selection, candidates, cosines),
         cosines=cosines,
-        proposal=''
-        if verdict.mimicked  # more targets would distinguish them, further recordings would not
-        else propose_experiment(first.refit, wanted, rivals),
         notes=(*verdict.notes, *direction_notes(before.arm, effects)),
         seed=selection.seed,
         settings=selection.settings,
@@ -156,16 +150,6 @@ def evaluate(
         training_scores=every[:count],
         held_out_scores=every[count:],
     )
-
-
-def wanted_candidates(
-    verdict: Verdict, candidates: Sequence[Candidate], detectable: Mapping[str, Detectable]
-) -> list[Candidate]:
-    """Return the effects that the next recording should test: rivals, or unobservable ones."""
-    if verdict.alternatives:
-        names = (*verdict.trial.names, *verdict.alternatives)
-        return [item for item in candidates if item.name in names]
-    return [item for item in candidates if not detectable[item.name].observable]
 
 
 def collect_evidence(

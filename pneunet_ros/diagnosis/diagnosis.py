@@ -23,7 +23,7 @@ from pneunet_ros.diagnosis.fit.refit import has_ended, Refit
 from pneunet_ros.diagnosis.inertia import with_frames_in_motion
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.late_arm import with_late_arm
-from pneunet_ros.diagnosis.result import Detectable, Diagnosis, UnsettledDiagnosis
+from pneunet_ros.diagnosis.result import Detectable, UnsettledDiagnosis
 from pneunet_ros.diagnosis.scores.nonuniform_arm import nonuniform_columns, reduce_by_nonuniformity
 from pneunet_ros.diagnosis.scores.score_test import detection_limits
 from pneunet_ros.diagnosis.selection import Selection, Trial
@@ -35,7 +35,7 @@ from pneunet_ros.model.arm import Arm
 PARTS = 5  # of the work: base fit, search, evaluation; the command adds discovery and report
 
 
-def diagnose(
+def investigate(
     model: Arm,
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
@@ -43,7 +43,7 @@ def diagnose(
     seed: int = 0,
     on_progress: OnProgress = ignore_progress,
     settings: DiagnosisSettings = DEFAULTS,
-) -> Diagnosis | UnsettledDiagnosis:
+) -> Investigation | UnsettledInvestigation:
     """Diagnose a model with recordings: find missing effects, or detection limits.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
@@ -60,30 +60,15 @@ def diagnose(
         settings: see `DiagnosisSettings`.
 
     Returns:
-        The answer, with the model before and after, all numbers in SI; without numbers if the fit
-        of the base model does not converge. A law outside the library may still overrule its name
-        (`discovery.discover`), as in `pneunet diagnose`.
+        The diagnosis with all its fits: the answer, and the model before and after, all numbers in
+        SI; without numbers if the fit of the base model does not converge. A law outside the
+        library may still overrule its name (`discovery.discover`), as in `pneunet diagnose`.
 
     Raises:
         RequestError: no training recording is without a load.
         RecordingError: a recording has too few frames, or contradicts the model.
         ModelError: the model has no shape in most of the recordings.
     """
-    return investigate(
-        model, training, held_out, seed=seed, on_progress=on_progress, settings=settings
-    ).diagnosis
-
-
-def investigate(
-    model: Arm,
-    training: Sequence[RecordingData],
-    held_out: Sequence[RecordingData],
-    *,
-    seed: int = 0,
-    on_progress: OnProgress = ignore_progress,
-    settings: DiagnosisSettings = DEFAULTS,
-) -> Investigation | UnsettledInvestigation:
-    """Diagnose like `diagnose`; return the diagnosis with all its fits."""
     model = remove_fitted_elongation(
         model
     )  # an effect found by a calibration is a hypothesis like the others

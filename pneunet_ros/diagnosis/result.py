@@ -197,10 +197,10 @@ class Diagnosis:
     shift: Mapping[str, Shift]
     evidence: tuple[Evidence, ...]
     cosines: Mapping[tuple[str, str], float]
-    proposal: str
     notes: tuple[str, ...]
     seed: int
     settings: DiagnosisSettings = DEFAULTS
+    proposal: str = ''
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

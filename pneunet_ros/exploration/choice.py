@@ -11,8 +11,8 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.experiment_design import Experiment, informations
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
+from pneunet_ros.exploration.experiment_design import Experiment, informations
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.rivals import NOTHING, rival_candidates, size_moments, trial_to_extend
 from pneunet_ros.exploration.safe_set import SafeSet
@@ -37,6 +37,8 @@ class Choice:
         if not self.divergence:
             return 'to start with' if self.experiment == BEGINNING else 'the next in order'
         pair = max(self.divergence, key=self.divergence.__getitem__)
+        if pair[1] == NOTHING:
+            return f'it would show {pair[0]} best'
         return f'it would best distinguish {pair[0]} from {pair[1]}'
 
 

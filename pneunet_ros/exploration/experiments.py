@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.exploration.experiment_design import Experiment
 
 # Upper pressures are left to later experiments: a first loading can be observed only once.
 BEGINNING = Experiment(

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pneunet_ros.calibration.checks.held_out import score
 from pneunet_ros.core.progress import ignore_progress, OnProgress
 from pneunet_ros.diagnosis.diagnosis import investigate
-from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.exploration.choice import Choice, choice_in_order, next_choice
+from pneunet_ros.exploration.experiment_design import Experiment
 from pneunet_ros.exploration.experiments import BEGINNING
 from pneunet_ros.exploration.rivals import named_effects, rival_probabilities
 from pneunet_ros.exploration.safe_set import SafeSet

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.diagnosis.experiment_design import Experiment, pressures_at
+from pneunet_ros.exploration.experiment_design import Experiment, pressures_at
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import DOMAIN, LoadHull, PRESSURE
 import scipy
@@ -30,7 +30,7 @@ class SafeSet:
 
     def __post_init__(self) -> None:
         """Check the order."""
-        if not (self.low < self.high and self.force >= 0.0 and math.isfinite(self.force)):
+        if not (self.low <= self.high and self.force >= 0.0 and math.isfinite(self.force)):
             raise RequestError(
                 f'the safe set is {self.low:g} to {self.high:g} Pa with at most {self.force:g} '
                 'N: the second pressure must be larger, and the force 0 or more',
@@ -52,7 +52,7 @@ class SafeSet:
     @property
     def loaded(self) -> tuple[float, float]:
         """The shares of the pressure range, between which the arm was loaded."""
-        if self.hull is None or self.hull.scale[PRESSURE] == 0.0:
+        if self.hull is None or self.hull.scale[PRESSURE] == 0.0 or self.low == self.high:
             return 0.0, 1.0
         loads = self.hull.points[self.hull.points[:, :PRESSURE].any(axis=1)]
         rest, farthest = pressures_at(np.array([0.0, 1.0]), (self.low, self.high)).tolist()

@@ -12,7 +12,7 @@ import sys
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.without_ros import GET_ROS
-from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.exploration.experiment_design import Experiment
 from pneunet_ros.exploration.safe_set import SafeSet
 
 NAMESPACE = '/pneunet'

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import quantities
-from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.exploration.experiment_design import Experiment
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.lab.lab_arm import LabArm

@@ -13,11 +13,11 @@ from pneunet_ros.calibration.first_curvature import tip_turns
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.usable_frames import with_tips
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.tip_frame import find_base, in_base_frame
 from pneunet_ros.model.starting_arm import has_invented_stiffness, starting_arm

@@ -12,7 +12,7 @@ HEAVY = (
     *(f'scipy.{part}' for part in ('interpolate', 'linalg', 'optimize', 'sparse', 'special')),
     *('scipy.signal', 'scipy.stats', 'sklearn', 'matplotlib', 'numba', 'cv2', 'PIL', 'dask'),
     *(f'pneunet_ros.{room}' for room in ('vision', 'fusion', 'discovery', 'reports')),
-    *('pneunet_ros.calibration.parameters', 'pneunet_ros.diagnosis.experiment_design'),
+    *('pneunet_ros.calibration.parameters', 'pneunet_ros.exploration.experiment_design'),
     'pneunet_ros.recordings.dataset_reader',
 )
 ASK = """

@@ -12,7 +12,7 @@ from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.decision import effect_probabilities, is_equivalent_rival, notes_on_rest
-from pneunet_ros.diagnosis.diagnosis import considered_hypotheses, diagnose, is_settled
+from pneunet_ros.diagnosis.diagnosis import considered_hypotheses, is_settled
 from pneunet_ros.diagnosis.fit import base_fit as base
 from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
 from pneunet_ros.diagnosis.fit.refit import refit
@@ -22,6 +22,7 @@ from pneunet_ros.diagnosis.settings import CONFIRMATION, LINEARIZATION
 from pneunet_ros.diagnosis.verdict import describe_verdict, Verdict
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 from pneunet_ros.calibration.checks.frames_in_motion import frames_in_motion
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.inertia import Swings, with_inertia
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.settings import CONFIRMATION, DEFAULTS
 from pneunet_ros.effects.inertia import Inertia
+from pneunet_ros.exploration.proposal import diagnose
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.scenario import Scenario

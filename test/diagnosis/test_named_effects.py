@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.exploration.proposal import diagnose
 import pytest
 from support.lab_designs import frame, HELD_OUT, HIDDEN, recorded
 

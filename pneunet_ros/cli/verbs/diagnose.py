@@ -89,6 +89,8 @@ def run(arguments: Namespace) -> int:
     from pneunet_ros.diagnosis.diagnosis import PARTS
     from pneunet_ros.diagnosis.result import CLEAR
     from pneunet_ros.diagnosis.usable_frames import with_tips
+    from pneunet_ros.exploration.proposal import with_proposal
+    from pneunet_ros.exploration.safe_set import SafeSet
     from pneunet_ros.offline.calibration_files import check_distinct, check_recordings, inputs_of
     from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
     from pneunet_ros.reports.diagnosis.report import Given
@@ -118,7 +120,8 @@ def run(arguments: Namespace) -> int:
         read = replace(read, left_out=(*read.left_out, *tips))
         on_progress = verb.progress_of(bar, 'diagnosing')
         investigation, discovery = diagnose(arguments, frame, training, held_out, on_progress)
-        found = investigation.overruled(discovery.overruling).diagnosis
+        overruled = investigation.overruled(discovery.overruling)
+        found = with_proposal(overruled, SafeSet.of(frame)).diagnosis
         given = Given(
             notes=read.sentences,
             model=str(arguments.model),

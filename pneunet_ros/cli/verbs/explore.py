@@ -23,8 +23,8 @@ from pneunet_ros.files.json_text import json_text
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from pneunet_ros.diagnosis.experiment_design import Experiment
     from pneunet_ros.discovery.result import Discovery
+    from pneunet_ros.exploration.experiment_design import Experiment
     from pneunet_ros.exploration.exploration import Round
     from pneunet_ros.exploration.safe_set import SafeSet
     from pneunet_ros.lab.scenario import Scenario
@@ -118,6 +118,7 @@ def run(arguments: Namespace) -> int:
     """Explore, reporting after every recording."""
     from pneunet_ros.discovery.discovery import discover
     from pneunet_ros.exploration.exploration import explore, is_clear
+    from pneunet_ros.exploration.proposal import with_proposal
     from pneunet_ros.files.model_file import load_model
     from pneunet_ros.reports.diagnosis.report import Given
     from pneunet_ros.reports.exploration.report import exploration_content, safe_sentence
@@ -158,6 +159,8 @@ def run(arguments: Namespace) -> int:
             rounds[-1] = rounds[-1].overruled(discovery.overruling)
             write_round(rounds, safe, provenance, folder)
             show_round(rounds, console)
+        proposed = with_proposal(rounds[-1].investigation, safe)
+        rounds[-1] = replace(rounds[-1], investigation=proposed)
         given = Given(
             notes=tuple(recorder.notes),
             model=str(arguments.model or share_path(LAB_MODEL)),

@@ -1,4 +1,4 @@
-"""Experiment design: choose the most informative next recording by simulation."""
+"""Simulated experiments: their recordings, and the information on effects that they would add."""
 
 from __future__ import annotations
 
@@ -73,78 +73,6 @@ def pressures_at(share: Array, pressure_range: tuple[float, float]) -> Array:
     return rest + (max(pressure_range, key=abs) - rest) * share
 
 
-EXPERIMENTS = (
-    Experiment(
-        words='without a load, steps of pressure up and down with holds of 8 s',
-        corners=(
-            (0, 0, 0, 0), (8, 0, 0, 0), (9, 0.4, 0, 0), (17, 0.4, 0, 0), (18, 0.9, 0, 0),
-            (26, 0.9, 0, 0), (27, 0.4, 0, 0), (35, 0.4, 0, 0), (36, 0, 0, 0), (44, 0, 0, 0),
-        ),
-    ),
-    Experiment(
-        words='without a load, the same ramp in 1 s and in 15 s, up and down, with holds of 10 s',
-        corners=(
-            (0, 0.1, 0, 0), (5, 0.1, 0, 0), (6, 0.9, 0, 0), (16, 0.9, 0, 0), (17, 0.1, 0, 0),
-            (27, 0.1, 0, 0), (42, 0.9, 0, 0), (52, 0.9, 0, 0), (67, 0.1, 0, 0),
-        ),
-    ),
-    Experiment(
-        words='a force along the arm at rest (E1), swept up and down at a low and a high pressure',
-        corners=(
-            (0, 0.2, 0, 0), (10, 0.2, 1, 0), (20, 0.2, 0, 0), (22, 0.8, 0, 0), (32, 0.8, 1, 0),
-            (42, 0.8, 0, 0),
-        ),
-    ),
-    Experiment(
-        words='a force across the arm at rest (E2), swept both ways at a low and a high pressure',
-        corners=(
-            (0, 0.2, 0, 0), (8, 0.2, 0, 1), (24, 0.2, 0, -1), (32, 0.2, 0, 0), (34, 0.8, 0, 0),
-            (42, 0.8, 0, 1), (58, 0.8, 0, -1), (66, 0.8, 0, 0),
-        ),
-    ),
-    Experiment(
-        words='a fresh arm under a constant load, ramps to half and to full pressure, each twice',
-        corners=(
-            (0, 0, 0.5, 0.5), (10, 0.5, 0.5, 0.5), (20, 0, 0.5, 0.5), (30, 0.5, 0.5, 0.5),
-            (40, 0, 0.5, 0.5), (55, 1, 0.5, 0.5), (70, 0, 0.5, 0.5), (85, 1, 0.5, 0.5),
-        ),
-    ),
-)  # fmt: skip
-
-
-def propose_experiment(
-    refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]
-) -> str:
-    """Propose the most informative experiment on a wanted effect, with its rivals fitted jointly.
-
-    Maximizes chi squared of each wanted effect at the far end of its prior range. Empty if no
-    effect is wanted.
-    """
-    if not wanted:
-        return ''
-    force, pressure_range = largest_force(refit), refit.point.arm.pressure_range
-    items = list({item.name: item for item in (*wanted, *rivals)}.values())
-    tried = informations(refit, EXPERIMENTS, items, pressure_range, force)
-    if tried is None:
-        return ''
-    names = [item.name for item in items]
-    places = {item.name: names.index(item.name) for item in rivals}
-    best, words, name = 0.0, '', ''
-    for experiment, inner in zip(EXPERIMENTS, tried[1], strict=True):
-        for item in wanted:
-            others = [place for other, place in places.items() if other != item.name]
-            shown = effect_information(inner, names.index(item.name), others)
-            shown *= prior_end_factor(item)
-            if shown > best:
-                best, words, name = shown, experiment.words, item.name
-    if not words:
-        return ''
-    return (
-        f'Record next: {words}. It would show {name} best: chi squared of {best:.0f} at the end '
-        'of its prior range.'
-    )
-
-
 def informations(
     refit: Refit,
     experiments: Sequence[Experiment],
@@ -207,29 +135,3 @@ def linearize_experiments(
         return Linearization(refit.point, runs, len(training), noise, known)
     except ModelError:
         return None
-
-
-def largest_force(refit: Refit) -> float:
-    """Return the largest force (N) of the training runs; the weight if no load was recorded."""
-    fitted = refit.linearization
-    force = max(float(np.abs(run.force).max()) for run in fitted.runs[: fitted.training])
-    return force or refit.point.arm.weight
-
-
-def effect_information(inner: Array, effect: int, rivals: Sequence[int]) -> float:
-    """Return chi squared of one of the effects, with its rivals fitted jointly.
-
-    inner (n, n): as in `informations`.
-    """
-    information = float(inner[effect, effect])
-    if rivals:
-        cross = inner[effect, rivals]
-        information -= float(cross @ np.linalg.pinv(inner[np.ix_(rivals, rivals)]) @ cross)
-    return max(information, 0.0)
-
-
-def prior_end_factor(candidate: Candidate) -> float:
-    """Return the ratio of chi squared at the end of the prior range to that at the tried value."""
-    coordinate = candidate.hypothesis.coordinates[candidate.which]
-    tried = max(abs(float(candidate.tried[candidate.which])), 1e-300)
-    return float((coordinate.end / tried) ** 2)
