@@ -12,7 +12,12 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.motion.motion_fit import fit_motion, MotionFit, predicted_motion
+from pneunet_ros.calibration.motion.motion_fit import (
+    fit_motion,
+    MotionFit,
+    predicted_motion,
+    unexplained_swing,
+)
 from pneunet_ros.calibration.motion.motion_problem import Flags
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
@@ -56,19 +61,10 @@ class Swings:
         )
 
     def objection(self, floor: float) -> str:
-        """Return why a moving arm does not fit the swings; empty if it does.
-
-        Residuals due to noise (rms floor, m) and to the law error of inertia are allowed.
-        """
+        """Return why a moving arm does not fit the swings; floor (m): rms of the noise."""
         moving = [~item for item in self.rest]
-        left = mean_square(self.left, moving)
-        allowed = floor**2 + Inertia.law_error**2 * mean_square(self.swung, moving)
-        if left <= allowed:
-            return ''
-        return (
-            f'targets are {millimeters(math.sqrt(left)):.2g} mm away from the moving arm, where '
-            f'noise alone would leave {millimeters(math.sqrt(allowed)):.2g} mm'
-        )
+        left, swing = (mean_square(item, moving) for item in (self.left, self.swung))
+        return unexplained_swing(left, floor**2, swing)
 
     def fall(self, floor: float) -> float:
         """Return the reduction of chi squared by the moving arm; floor (m): of noise."""

@@ -282,7 +282,7 @@ def problem_of(
         used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
         swinging=model.swinging,
         late=None if model.swinging is None or frame.wrench else belief.root.shape[1],
-        response_share=1.0 if model.swinging is None else model.swinging.response_share(seconds),
+        response_share=1.0 if model.swinging is None else model.swinging.response(seconds).share,
         left_out=left_out,
     )
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -221,6 +221,12 @@ class MovingArm:
                 found.append(((first[1] - first[0]) / size / distance).tolist())
         return freeze(np.sqrt(np.sum(np.square(found), axis=0)))
 
+    @property
+    def damping_time(self) -> float:
+        """Time constant (s) of the damping."""
+        assert self.arm.inertia is not None
+        return self.arm.inertia.damping_time
+
     def advance_through_loads(
         self, state: MovingState, stamp_ns: int, loaded: Sequence[tuple[int, Links]]
     ) -> tuple[MovingState, Array]:
@@ -231,8 +237,7 @@ class MovingArm:
         stamp. Also returns the covariance of q and p at the stamp, due to the unknown instant of
         that change.
         """
-        assert self.arm.inertia is not None
-        damping_time, duration_ns = self.arm.inertia.damping_time, stamp_ns - state.stamp_ns
+        damping_time, duration_ns = self.damping_time, stamp_ns - state.stamp_ns
         start, first = state.links, loaded[0][1]
         resting = replace(state, swing=at_rest(SHAPES))
         whole = advance_between_readings(
@@ -240,14 +245,7 @@ class MovingArm:
         )
         for passed_ns, there in loaded[1:]:
             share = (stamp_ns - passed_ns) / duration_ns
-            links = Links(
-                heading=there.heading + share * (start.heading - first.heading),
-                length=there.length + share * (start.length - first.length),
-                compliance=there.compliance + share * (start.compliance - first.compliance),
-                force=there.force + share * (start.force - first.force),
-                offset=there.offset,
-                turn_rate=there.turn_rate + share * (start.turn_rate - first.turn_rate),
-            )
+            links = with_change(there, first, start, share)._replace(offset=there.offset)
             state = advance_between_readings(
                 state, passed_ns, links, self.masses, damping_time, self.modes
             )
@@ -272,8 +270,7 @@ class MovingArm:
         arm.
         """
         assert shape.solution is not None
-        assert self.arm.inertia is not None
-        damping_time = self.arm.inertia.damping_time
+        damping_time = self.damping_time
         solved = shape.solution.for_kernels()
         following, moving = follow_reading(
             state, stamp_ns, solved, self.masses, damping_time, self.modes, base.turn_rate
@@ -398,6 +395,12 @@ def follow_reading(
         swing.covariance[:] = after_gap(state, gap, after, masses, damping_time, modes.moment)
     following = MovingState(stamp_ns=stamp_ns, links=after, swing=swing, turned=turned)
     return following, Moved(at_nodes, at_joints, tip[:3], tip[3:])
+
+
+def with_change(links: Links, before: Links, after: Links, share: float) -> Links:
+    """Return an equilibrium with a share of the change from one equilibrium to another."""
+    every: list[Any] = list(zip(links, before, after, strict=True))
+    return Links(*(value + share * (there - here) for value, here, there in every))
 
 
 def turning_links(before: Links, after: Links, step: float) -> tuple[Links, Links]:

@@ -67,13 +67,6 @@ def paint(theta: Array, curvature: Array, placement: Array) -> PaintedTargets:
     )
 
 
-def painted_at(theta: Array, curvature: Array, placement: Array) -> Complex:
-    """Return only the `displacement` of `paint`, (.., targets) m."""
-    along, across = placement
-    chord, heading = along_the_arc(theta, curvature, along)
-    return np.asarray(chord + 1j * heading * across)
-
-
 def along_the_arc(theta: Array, curvature: Array, along: Array) -> tuple[Complex, Complex]:
     """Return x + i y and heading of targets painted (..) m further along the arc.
 

@@ -13,7 +13,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.errors.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.errors.second_order import SecondOrder
-from pneunet_ros.measurement.painted_targets import in_plane, painted_at
+from pneunet_ros.measurement.painted_targets import in_plane, paint
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
@@ -100,7 +100,7 @@ def target_displacement(arm: Arm, theta: Array, curvature: Array) -> tuple[Array
     if known is None:
         zero = np.zeros((*theta.shape[:-1], 2, theta.shape[-1]))
         return zero, np.full(theta.shape[-1], arm.sensors.placement_std)
-    displacement = painted_at(theta, curvature, known.mean.reshape(2, -1))
+    displacement = paint(theta, curvature, known.mean.reshape(2, -1)).displacement
     std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
     return in_plane(displacement) + known.origin[:, None], std
 

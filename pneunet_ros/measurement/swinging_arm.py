@@ -32,6 +32,7 @@ from pneunet_ros.measurement.moving_arm import (
     MovingArm,
     MovingState,
     Places,
+    with_change,
 )
 from pneunet_ros.model.equilibrium import Sensitivity, solve
 from pneunet_ros.model.shape import Shape
@@ -62,6 +63,18 @@ class EquilibriumBetween(NamedTuple):
     force_deviation: Array | None = None
     chamber_deviation: float = 0.0
     turn_rate: float = math.nan
+
+
+class Response(NamedTuple):
+    """Response of faster shapes to loads at an unknown time of an interval.
+
+    share: mean fraction of the response to a load that drifts; std: of that fraction, for a load
+    step at an unknown time; lasting: rms force (1/s) per impulse to which they still respond.
+    """
+
+    share: float
+    std: float
+    lasting: float
 
 
 class Impulses(NamedTuple):
@@ -309,20 +322,20 @@ class SwingingArm:
             The belief there, its reference, and the motion of the arm.
         """
         known, previous, previous_ns = before
-        motion, masses, modes = self.moving.arm.inertia, self.moving.masses, self.moving.modes
-        assert motion is not None
+        time, masses, modes = self.moving.damping_time, self.moving.masses, self.moving.modes
         state, start_links = self.follow_path(before, propagated, solution, path)
         following, moving = follow_reading(
-            state, stamp_ns, solution.for_kernels(), masses, motion.damping_time, modes, turn_rate
+            state, stamp_ns, solution.for_kernels(), masses, time, modes, turn_rate
         )
         links = following.links
-        rates, projection = linearized_rates(links, masses, motion.damping_time, modes.moment)
+        rates, projection = linearized_rates(links, masses, time, modes.moment)
         reference = self.reference_at(following, moving, projection, propagated.mean)
         if previous is None or start_links is None:
             return propagated, reference, moving
         if not np.hypot(*moving.at_nodes[:2, -1]) < 2.0 * self.moving.arm.length:
             return self.with_restarted_swing(propagated), replace(reference, lost=True), moving
         seconds = seconds_between(previous_ns, stamp_ns)
+        response = self.response(seconds)
         partial_transitions, transition = responses_to(rates, seconds)
         pull = (np.eye(len(transition)) - transition)[:, Q_ROWS] @ np.linalg.inv(
             -rates[P_ROWS, Q_ROWS]
@@ -334,7 +347,7 @@ class SwingingArm:
         force_walk = root_of(propagated.root[self.tip, known.root.shape[1] :])
         loads = previous.turning if turning is None else 0.5 * (previous.turning + turning)
         unspanned = reference.unspanned_part(loads[:, self.tip].T)
-        response_error = self.response_std(seconds) * force_walk.T @ unspanned
+        response_error = response.std * force_walk.T @ unspanned
         start_lag = previous.lag - previous.unspanned_part(
             start_links.heading - previous.links.heading
         )
@@ -354,7 +367,7 @@ class SwingingArm:
             impulses=Impulses(
                 mobility=rates[Q_ROWS, P_ROWS],
                 kicks=partial_transitions[:, :, P_ROWS],
-                lasting=self.lasting(seconds),
+                lasting=response.lasting,
             ),
             left_out=freeze(self.left_out(moving, response_error)),
         )
@@ -374,23 +387,24 @@ class SwingingArm:
         known, previous, previous_ns = before
         if previous is None:
             return None, None
-        motion, masses, modes = self.moving.arm.inertia, self.moving.masses, self.moving.modes
-        assert motion is not None
+        time, masses, modes = self.moving.damping_time, self.moving.masses, self.moving.modes
         start_links = previous.links._replace(
             heading=previous.links.heading + previous.turning @ (known.mean - previous.unknowns)
         )
         state = self.state_of(propagated, previous, start_links, previous_ns)
         end_links = links_at(solution) if path else start_links
         for passed in path:
-            links_there = between(start_links, end_links, passed.share)
+            links_there = with_change(start_links, start_links, end_links, passed.share)
             rotation = previous.turning[:, self.pressure] * passed.chamber_deviation
             if passed.force_deviation is not None:
                 rotation = rotation + previous.turning[:, self.tip] @ passed.force_deviation
             links_there = links_there._replace(
-                heading=links_there.heading + rotation, turn_rate=passed.turn_rate
+                heading=links_there.heading + rotation,
+                offset=end_links.offset,
+                turn_rate=passed.turn_rate,
             )
             state = advance_between_readings(
-                state, passed.stamp_ns, links_there, masses, motion.damping_time, modes
+                state, passed.stamp_ns, links_there, masses, time, modes
             )
         return state, start_links
 
@@ -488,46 +502,24 @@ class SwingingArm:
         by_shape = BEYOND * self.swing_of(there) * self.next_shapes / tips[:, None]
         return np.concatenate([by_shape, response_error, np.zeros((1, LINKS))])
 
-    def response_share(self, seconds: float) -> float:
-        """Return the fraction of the response of faster shapes to a load drifting for a time.
+    def response(self, seconds: float) -> Response:
+        """Return the response of faster shapes to loads that change within a time (s).
 
-        Faster shapes are overdamped and settle with the damping time: a first-order lag behind a
-        ramp.
+        Faster shapes are overdamped and settle with the damping time: of the response to a load
+        step a time u ago, the fraction exp(-u / time) is still missing; to an impulse they respond
+        like to a force that decays with it.
         """
-        motion = self.moving.arm.inertia
-        assert motion is not None
-        time = motion.damping_time
+        time = self.moving.damping_time
         if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
-            return float(seconds > 0.0)
-        return 1.0 + time / seconds * math.expm1(-seconds / time)
-
-    def response_std(self, seconds: float) -> float:
-        """Return one sigma of `response_share`, due to the unknown time at which the load changed.
-
-        Of the response to a load step a time u ago, the fraction exp(-u / time) is still missing;
-        the result is its standard deviation over all u.
-        """
-        motion = self.moving.arm.inertia
-        assert motion is not None
-        time = motion.damping_time
-        if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
-            return 0.0
-        mean_open = 1.0 - self.response_share(seconds)
-        mean_square = -0.5 * time / seconds * math.expm1(-2.0 * seconds / time)
-        return math.sqrt(max(mean_square - mean_open**2, 0.0))
-
-    def lasting(self, seconds: float) -> float:
-        """Return the rms force (1/s) per impulse to which faster shapes still respond.
-
-        They respond to an impulse like to a force that decays with the damping time; the impulse
-        acts at an unknown time within these seconds.
-        """
-        motion = self.moving.arm.inertia
-        assert motion is not None
-        time = motion.damping_time
-        if not time > 0.0 or not seconds > 0.0 or math.isinf(seconds):
-            return 0.0
-        return math.sqrt(-0.5 * math.expm1(-2.0 * seconds / time) / (time * seconds))
+            return Response(share=float(seconds > 0.0), std=0.0, lasting=0.0)
+        ratio = time / seconds
+        share = 1.0 + ratio * math.expm1(-seconds / time)
+        missing_square = -0.5 * ratio * math.expm1(-2.0 * seconds / time)
+        return Response(
+            share=share,
+            std=math.sqrt(max(missing_square - (1.0 - share) ** 2, 0.0)),
+            lasting=math.sqrt(missing_square) / time,
+        )
 
     def blow(
         self, known: Known, reference: Reference, acting: Array, turning: Array
@@ -566,12 +558,11 @@ class SwingingArm:
         before: lag at the beginning; rotation (links,) rad: rotation of the equilibrium since
         then, in these shapes.
         """
-        motion = self.moving.arm.inertia
-        assert motion is not None
-        if not motion.damping_time > 0.0:
+        time = self.moving.damping_time
+        if not time > 0.0:
             return np.zeros_like(before)
-        decay = math.exp(-seconds / motion.damping_time)
-        return decay * before - (1.0 - self.response_share(seconds)) * rotation
+        decay = math.exp(-seconds / time)
+        return decay * before - (1.0 - self.response(seconds).share) * rotation
 
     def with_noise(self, root: Array, swing: Swing, there: Moved) -> Array:
         """Add the process noise of the unknown path between two stamps to a root.
@@ -604,18 +595,6 @@ def responses_to(rates: Array, seconds: float) -> tuple[Array, Array]:
     half = last @ between
     first = half @ between
     return np.stack([first, half, last]), first @ last
-
-
-def between(before: Links, after: Links, share: float) -> Links:
-    """Interpolate between two equilibria."""
-    return Links(
-        heading=before.heading + share * (after.heading - before.heading),
-        length=before.length + share * (after.length - before.length),
-        compliance=before.compliance + share * (after.compliance - before.compliance),
-        force=before.force + share * (after.force - before.force),
-        offset=after.offset,
-        turn_rate=after.turn_rate,
-    )
 
 
 def tips_of(moving: MovingArm) -> Array:

@@ -141,8 +141,8 @@ def test_a_frame_keeps_the_turn_rate_of_the_base():
 
 def test_faster_shapes_answer_a_ramp_late():
     chain, _ = swinging()
-    assert chain.response_share(1e-9) < 1e-6
-    assert chain.response_share(1e3) > 0.9999
+    assert chain.response(1e-9).share < 1e-6
+    assert chain.response(1e3).share > 0.9999
     ramp = np.ones(LINKS)
     slow = chain.lag_of(np.zeros(LINKS), ramp, 30.0)
     assert slow == pytest.approx(-DAMPING_TIME / 30.0 * ramp, rel=1e-6)
@@ -155,8 +155,8 @@ def test_when_a_load_walked_is_unknown_and_so_is_what_faster_shapes_answered(sec
     chain, _ = swinging()
     middles = (np.arange(100_000) + 0.5) / 100_000
     answers = 1.0 - np.exp(-seconds * middles / DAMPING_TIME)
-    assert chain.response_share(seconds) == pytest.approx(answers.mean(), rel=1e-4)
-    assert chain.response_std(seconds) == pytest.approx(answers.std(), rel=1e-3)
+    assert chain.response(seconds).share == pytest.approx(answers.mean(), rel=1e-4)
+    assert chain.response(seconds).std == pytest.approx(answers.std(), rel=1e-3)
 
 
 @pytest.mark.parametrize('seconds', [0.003, 0.04, 2.0])
@@ -164,8 +164,8 @@ def test_a_blow_at_an_unknown_time_is_still_answered_by_faster_shapes(seconds):
     chain, _ = swinging()
     ages = seconds * (np.arange(100_000) + 0.5) / 100_000
     forces = np.exp(-ages / DAMPING_TIME) / DAMPING_TIME
-    assert chain.lasting(seconds) == pytest.approx(np.sqrt(np.mean(forces**2)), rel=1e-3)
-    assert chain.lasting(np.inf) == 0.0
+    assert chain.response(seconds).lasting == pytest.approx(np.sqrt(np.mean(forces**2)), rel=1e-3)
+    assert chain.response(np.inf).lasting == 0.0
 
 
 def test_a_blow_stops_the_arm_where_it_is_hit():

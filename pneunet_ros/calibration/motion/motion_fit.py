@@ -232,8 +232,7 @@ def objection_to(
 ) -> str:
     """Return why a moving arm does not explain the swings; empty if it does.
 
-    As in a diagnosis, noise and the law error of inertia are allowed. The noise is that of frames
-    at rest, if there are any.
+    The noise is that of frames at rest, if there are any.
     """
     left = problem.std * problem.without_nuisance(problem.whitened(residuals))[0]
     seen = np.concatenate([np.isfinite(item).ravel() for item in residuals])
@@ -243,12 +242,21 @@ def objection_to(
     swung = np.concatenate([item.ravel() for item in deviations])
     rested = left[seen & ~moving]
     floor = max(float(np.mean(rested**2)) if rested.size else 0.0, problem.std**2)
-    allowed = floor + Inertia.law_error**2 * float(np.mean(swung[seen & moving] ** 2))
-    found = float(np.mean(left[seen & moving] ** 2))
-    if found <= allowed:
+    swing = float(np.mean(swung[seen & moving] ** 2))
+    return unexplained_swing(float(np.mean(left[seen & moving] ** 2)), floor, swing)
+
+
+def unexplained_swing(left: float, floor: float, swing: float) -> str:
+    """Return why a moving arm does not explain its swings; empty if it does.
+
+    left: mean square (m^2) of the residuals; allowed are noise (floor) and the law error of
+    inertia, relative to the mean square of the swing.
+    """
+    allowed = floor + Inertia.law_error**2 * swing
+    if left <= allowed:
         return ''
     return (
-        f'while it moves, targets are {millimeters(math.sqrt(found)):.2g} mm away from the moving '
+        f'while it moves, targets are {millimeters(math.sqrt(left)):.2g} mm away from the moving '
         f'arm, where noise alone would leave {millimeters(math.sqrt(allowed)):.2g} mm'
     )
 
