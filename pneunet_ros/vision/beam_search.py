@@ -63,14 +63,16 @@ class BeamSearchSettings:
     size_std: float = tuning(
         0.35, 'difference of logarithmic areas in a row, one sigma', source='sweep'
     )
-    shape_std: float = tuning(
-        0.1, 'difference of logarithmic elongations in a row, one sigma', source='sweep'
-    )
-    blur_std: float = tuning(
-        0.15, 'difference of the logarithmic blur of edges, one sigma', source='sweep'
+    look_std: float = tuning(
+        0.1,
+        'difference of logarithmic elongations, and of logarithmic blurs, in a row, one sigma',
+        source='sweep',
     )
     memory: float = tuning(
-        0.7, 'weight of the previous targets of a row in its spacing and size', source='sweep'
+        0.7,
+        'weight of the previous targets of a row in its spacing and size, and of the previous '
+        'areas of a target',
+        source='sweep',
     )
     continues: float = tuning(
         1.5,
@@ -420,9 +422,8 @@ def look_differences(
         return 0.0, 0.0, 0.0
     return (
         abs(blobs[2, blob] - row[SIZE]) / search.size_std,
-        math.hypot(blobs[3, blob] - row[SHAPE_X], blobs[4, blob] - row[SHAPE_Y])
-        / search.shape_std,
-        abs(blobs[5, blob] - row[BLUR]) / search.blur_std,
+        math.hypot(blobs[3, blob] - row[SHAPE_X], blobs[4, blob] - row[SHAPE_Y]) / search.look_std,
+        abs(blobs[5, blob] - row[BLUR]) / search.look_std,
     )
 
 

@@ -49,23 +49,29 @@ class RowLookSettings:
     neighbors: int = tuning(
         6, 'number of nearest neighbors used for the appearance', source='sweep'
     )
-    exact: float = tuning(
-        0.94, 'smallest share of the edge on the outline for a whole blob', source='measured'
-    )
-    unclear: float = tuning(
+    unlike: float = tuning(
         3.0,
-        'largest error of a whole or new blob, relative to that of the others',
+        'largest difference from neighbors in size, brightness and blur; largest error of a whole '
+        'or new blob, relative to that of the others',
+        unit='one sigma',
         source='measured: 4.5 to 6 of a tip cut off by 5 %',
     )
     least_area: float = tuning(
         0.985, 'smallest area of a whole blob, relative to its neighbors', source='measured'
     )
-    differ: float = tuning(
-        3.0, 'largest difference between sizes of neighbors', unit='one sigma', source='sweep'
-    )
     least_std: float = tuning(0.0015, 'least std of size and shape', unit='radius', source='sweep')
-    blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px', source='sweep')
-    level_std: float = tuning(0.03, 'least std of the plateau', unit='contrast', source='sweep')
+    blur_std: float = tuning(
+        0.15,
+        'one sigma of the blur',
+        unit='px',
+        source='measured: blurred films of acceptance/composed_pictures.py lose parts with 0.1',
+    )
+    level_std: float = tuning(
+        0.05,
+        'least std of the plateau',
+        unit='contrast',
+        source='measured: blurred films of acceptance/composed_pictures.py lose parts with 0.03',
+    )
     beyond: float = tuning(
         0.15, 'largest share of the edge outside of the outline', source='sweep'
     )
@@ -79,16 +85,6 @@ class RowLookSettings:
         0.12,
         'error of the center of a part of unknown size, over that of its radius',
         source='measured: films `uneven` of acceptance/composed_pictures.py',
-    )
-    blur: float = tuning(
-        0.5,
-        'largest difference of blur between a part and its neighbors',
-        unit='px',
-        source='sweep',
-    )
-    filled: float = tuning(0.65, 'smallest visible share of the inside', source='measured')
-    level: float = tuning(
-        0.15, 'largest difference of brightness from neighbors', unit='contrast', source='sweep'
     )
 
 
@@ -208,8 +204,8 @@ def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
     known = np.sort(error)[: np.count_nonzero(np.isfinite(error))]
     middle = len(known) // 2
     usual = 0.5 * (known[middle] + known[-1 - middle]) if len(known) else math.nan
-    most = settings.unclear * usual + _error_along(table, settings)
-    return np.asarray((table[:, EXACT] >= settings.exact) & (error <= most))
+    most = settings.unlike * usual + _error_along(table, settings)
+    return np.asarray((table[:, EXACT] == 1.0) & (error <= most))
 
 
 def shows_own_size(
@@ -242,7 +238,7 @@ def _error_along(table: Array, settings: RowLookSettings) -> Array:
 
 def _least_share(expected: Array, settings: RowLookSettings) -> Array:
     """Return the smallest relative area of whole targets, given how neighbors differ."""
-    return settings.least_area - settings.differ * 2.0 * expected[:, SIZE_STD]
+    return settings.least_area - settings.unlike * 2.0 * expected[:, SIZE_STD]
 
 
 def share_of_area(table: Array, expected: Array) -> Array:
@@ -266,18 +262,14 @@ def believable_parts(
     expected: as from `looks_of_neighbors`; share: as from `share_of_area`. A cover has a different
     grey level and its own edge, and makes a target smaller, never larger.
     """
-    off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
-    similar = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
-    similar &= np.abs(found[:, BLUR] - expected[:, WIDTH]) <= settings.blur
+    similar = _misfit(found, expected) <= settings.unlike
     edge = (share >= gating.largest_loss) | (found[:, SEEN] >= EDGE_SEEN)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
-    differs = settings.differ * 2.0 * expected[:, SIZE_STD]
+    differs = settings.unlike * 2.0 * expected[:, SIZE_STD]
     sized = np.abs(np.log(size)) <= differs - math.log(gating.largest_loss)
     precise = found[:, STD] <= UNSURE * np.sqrt(found[:, AREA] / math.pi)
-    return np.asarray(
-        similar & edge & within & sized & precise & (found[:, FILLED] >= settings.filled)
-    )
+    return np.asarray(similar & edge & within & sized & precise & (found[:, FILLED] > 0.5))
 
 
 def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
@@ -291,7 +283,12 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
     """
     along = _error_along(found, settings)
     size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)
+    misfit = np.maximum(_misfit(found, expected), 1.0)
+    return np.asarray(np.hypot(np.hypot(misfit * found[:, STD], along), size))
+
+
+def _misfit(found: Array, expected: Array) -> Array:
+    """Return the larger difference of level and blur from those expected, sigma (targets,)."""
     level = np.abs(found[:, LEVEL] - expected[:, PLATEAU]) / expected[:, PLATEAU_STD]
     blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]
-    misfit = np.maximum(np.maximum(level, blur), 1.0)
-    return np.asarray(np.hypot(np.hypot(misfit * found[:, STD], along), size))
+    return np.asarray(np.maximum(level, blur))

@@ -21,11 +21,9 @@ from pneunet_ros.vision.smoother import SMOOTHER, SmootherSettings
 class RowTrackerSettings:
     """Settings for following a row from frame to frame."""
 
-    area_gain: float = tuning(0.1, 'weight of a new area in the expected area', source='sweep')
     off_along: float = tuning(
         0.1, 'displacement by stretch per target', unit='spacing', source='sweep'
     )
-    smear_std: float = tuning(0.3, 'std of the motion during the exposure', source=('sweep'))
     least_exposure: float = tuning(0.03, 'smallest exposure time', unit='frame', source='sweep')
 
 

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 from pneunet_ros.vision.dots.centroid import AREA, CONTRAST, EXACT, outlines, rows_of, STD, U, V
-from pneunet_ros.vision.dots.ellipse_fit import BEHIND, PLATEAU, SMEAR_U, SMEAR_V, WIDTH
+from pneunet_ros.vision.dots.ellipse_fit import BEHIND, ELLIPSE, PLATEAU, SMEAR_U, SMEAR_V, WIDTH
 from pneunet_ros.vision.dots.moving_dots import (
     as_fitted,
     end_of_arm,
@@ -66,7 +66,7 @@ def known(contrast=PAINT - SKIN):
     """Return what neighbors tell of the contrast."""
     return Known(
         contrast=contrast,
-        contrast_std=0.3 * contrast,
+        contrast_std=0.1 * contrast,
         size=1.0,
         size_std=0.01,
         longer=1.1,
@@ -102,7 +102,7 @@ def test_a_dot_tells_its_size_where_nothing_else_does():
     alike = prior_from_neighbors([dot, dot, dot])
     assert (alike.size, alike.contrast) == (dot.size, dot.contrast)
     assert alike.longer == pytest.approx(1.0 / 0.85, abs=0.05)
-    assert alike.size_std == MOVING_DOTS.least_size_std
+    assert alike.size_std == MOVING_DOTS.paint
 
 
 @pytest.mark.parametrize('way', WAYS)
@@ -129,7 +129,7 @@ def test_a_dot_beyond_the_image_is_none():
 def test_the_end_of_the_arm_is_nearer_where_it_moves_along_itself():
     start = outline((0.0, 14.0))
     aside = end_of_arm(start, ALONG)
-    assert aside == pytest.approx(MOVING_DOTS.ends * RADIUS - MOVING_DOTS.blur * BLUR)
+    assert aside == pytest.approx(MOVING_DOTS.ends * RADIUS - ELLIPSE.around * BLUR)
     start[[SMEAR_U, SMEAR_V]] = 2.0, 14.0
     assert end_of_arm(start, ALONG) == pytest.approx(aside - 1.0)
 

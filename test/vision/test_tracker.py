@@ -722,7 +722,7 @@ def test_a_row_of_other_dots_beside_the_arm_is_no_arm():
 
 
 BLIND = {
-    'blobs': BlobSettings(blur=30.0),
+    'blobs': BlobSettings(speck=60),
     'ellipse': EllipseSettings(knows=0.0),
     'beam_search': BeamSearchSettings(across_std=-1.0),
     'gating': GatingSettings(largest_loss=1.5),

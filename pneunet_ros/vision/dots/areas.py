@@ -38,13 +38,20 @@ class BlobSettings:
         2.0, 'largest growth of the area of a blob from one level to the next', source='sweep'
     )
     blur: float = tuning(0.9, 'expected blur of an edge', unit='px', source='sweep')
-    blur_std: float = tuning(0.3, 'std of the blur of an edge', unit='px', source=('sweep'))
     smear_std: float = tuning(
         1.0, 'std of the motion during an exposure', unit='px', source='sweep'
     )
     shape_std: float = tuning(
-        0.3, 'one sigma of size and shape before a fit', unit='radius', source=('sweep')
+        0.3,
+        'one sigma of size, shape, blur and predicted motion before a fit',
+        unit='radius, blur, way',
+        source='sweep',
     )
+
+    @property
+    def blur_std(self) -> float:
+        """One sigma of the blur of an edge, px."""
+        return self.shape_std * self.blur
 
 
 BLOBS = BlobSettings()

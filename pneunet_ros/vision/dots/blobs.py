@@ -152,7 +152,7 @@ def blobs_at(image: Image, starts: Array, appearance: Appearance) -> Array:
 def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
     """Return rows (n, COLUMNS) of the blobs at outlines, NaN where there is none."""
     rows = measure_outlines(grey, starts, appearance.look, appearance.ellipse)
-    rows[~(rows[:, SEEN] >= appearance.ellipse.visible)] = np.nan
+    rows[~(rows[:, SEEN] >= 0.5)] = np.nan
     return rows
 
 

@@ -99,7 +99,7 @@ def linearize_edge(
     given: Array,
     believed: Array,
     moments: int,
-    reach: tuple[float, float],
+    reach: float,
     blocks: Array,
     sums: tuple[Array, Array],
     background: Array,
@@ -108,8 +108,8 @@ def linearize_edge(
 
     rim (lines, pixels), as in `Rim`, the first `many` of them; given (GIVEN,), the present
     ellipse; believed (sectors,); moments of an exposure; reach: distance from the edge within
-    which pixels count, inward and outward, px. Fills blocks (blocks, LINES * BLOCK) with the
-    pixels near the edge, and sums: the weighted products (UNKNOWNS + 1, UNKNOWNS + 1) of the
+    which pixels count, px. Fills blocks (blocks, LINES * BLOCK) with the pixels near the edge, and
+    sums: the weighted products (UNKNOWNS + 1, UNKNOWNS + 1) of the
     derivatives and the residual (lower half), and the background (sectors,). background (sectors,
     2): scratch. Returns the number of pixels near the edge, and their weight.
     """
@@ -141,9 +141,7 @@ def linearize_edge(
 
 
 @inner
-def collect_near(
-    rim: Array, many: int, given: Array, reach: tuple[float, float], blocks: Array
-) -> int:
+def collect_near(rim: Array, many: int, given: Array, reach: float, blocks: Array) -> int:
     """Collect the pixels of a rim near an edge in blocks, and return their number."""
     xx, xy, yy, off_u, off_v = given[0], given[1], given[2], given[9], given[10]
     all_x, all_y, outside = rim[RIM_X], rim[RIM_Y], rim[RIM_OUTSIDE]
@@ -152,7 +150,7 @@ def collect_near(
         outside[pixel] = distance_outside(xx, xy, yy, xx * x + xy * y, xy * x + yy * y)
     near = 0
     for pixel in range(many):
-        if -reach[0] < outside[pixel] < reach[1]:
+        if abs(outside[pixel]) < reach:
             lines, place = blocks[near // BLOCK], near % BLOCK
             lines[X * BLOCK + place] = all_x[pixel] - off_u
             lines[Y * BLOCK + place] = all_y[pixel] - off_v

@@ -52,7 +52,6 @@ class EllipseSettings:
     done: float = tuning(
         0.003, 'step of the center at which the fit ends', unit='px', source='sweep'
     )
-    margin: float = tuning(1.0, 'width of pixels added on either side', unit='px', source='sweep')
     largest_change: float = tuning(
         0.25, 'largest change of size and shape per iteration', unit='radius', source='sweep'
     )
@@ -62,11 +61,11 @@ class EllipseSettings:
     least_off: float = tuning(
         0.02, 'usual distance of edges from the outline', unit='px', source='sweep'
     )
-    inward: float = tuning(
-        2.5, 'width of the pixels used inside the edge', unit='blur', source='sweep'
-    )
-    outward: float = tuning(
-        3.0, 'width of the pixels used outside the edge', unit='blur', source='sweep'
+    around: float = tuning(
+        3.0,
+        'width of the pixels used on either side of an edge',
+        unit='blur',
+        source='convention: three sigma',
     )
     shift: float = tuning(
         1.5,
@@ -76,9 +75,6 @@ class EllipseSettings:
     )
     tilt_std: float = tuning(
         0.015, 'slope of the light over a blob', unit='contrast / radius', source=('sweep')
-    )
-    most_smear: float = tuning(
-        20.0, 'largest motion during an exposure', unit='px', source='sweep'
     )
     plateau_share: float = tuning(
         0.3,
@@ -93,14 +89,6 @@ class EllipseSettings:
     )
     knows: float = tuning(
         0.3, 'largest position error of an informative edge', unit='px', source=('sweep')
-    )
-    visible: float = tuning(
-        0.5,
-        'smallest share of sectors with a visible edge, and of these with one on the outline',
-        source='sweep',
-    )
-    within: float = tuning(
-        0.9, 'smallest coverage of a pixel inside, relative to the largest', source='sweep'
     )
     on_edge: float = tuning(
         0.03, 'largest distance of an edge on the outline', unit='px', source='sweep'

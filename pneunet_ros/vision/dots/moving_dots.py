@@ -27,6 +27,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
     BEHIND,
     CENTER_U,
     CENTER_V,
+    ELLIPSE,
     ERROR,
     Mask,
     NEAR_EDGE,
@@ -35,6 +36,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
     PLATEAU,
     QUANTIZATION,
     SIZE_STD,
+    SMEAR_STD,
     SMEAR_U,
     SMEAR_V,
     WIDTH,
@@ -42,6 +44,7 @@ from pneunet_ros.vision.dots.ellipse_fit import (
 )
 import scipy
 
+SAME_PIXELS = 0.5  # px, shift of a center that hardly changes which pixels are used
 FLAT = 1e-6  # added to the normal equations, because a spline without pixels is undetermined
 # Unknowns of a dot, after its contrast: center (2), motion during the exposure (2), size.
 OF_DOT = 5
@@ -51,63 +54,23 @@ OF_DOT = 5
 class MovingDotSettings:
     """Settings of the fit of a dot that moves far during the exposure."""
 
-    before: float = tuning(
-        1.8,
-        'width of the pixels used along the arm, from the center',
-        unit='radius',
-        source='sweep',
-    )
     beyond: float = tuning(
         0.6,
-        'width of the pixels used on either side of the path of a dot',
+        'width of the pixels used on either side of the path of a dot, and along it',
         unit='radius',
         source='sweep',
-    )
-    blur: float = tuning(
-        1.5,
-        'width of the blurred zone at the edge of a dot, or at the end of the arm',
-        unit='blur',
-        source='sweep',
-    )
-    passes: int = tuning(14, 'largest number of iterations', source='sweep')
-    done: float = tuning(
-        0.01, 'step of the center at which the fit ends', unit='px', source='sweep'
-    )
-    moves: int = tuning(3, 'largest number of shifts of the pixels used', source='sweep')
-    largest_change: float = tuning(
-        0.4, 'largest total change of the size', unit='radius', source='sweep'
-    )
-    near: float = tuning(
-        0.1,
-        'change of the center below which the pixels used are not shifted',
-        unit='radius',
-        source='sweep',
-    )
-    way_std: float = tuning(
-        0.2, 'std of the motion predicted by the row', unit='way', source='sweep'
     )
     fit_std: float = tuning(
-        0.1, 'std of size and motion from other fits', unit='radius, way', source='sweep'
+        0.1,
+        'std of contrast, size and motion from other fits',
+        unit='contrast, radius, way',
+        source='sweep',
     )
-    informing: int = tuning(
-        3, 'number of nearest neighbors for the prior of size and contrast', source='sweep'
-    )
-    fewest: int = tuning(2, 'smallest number of neighbors for a prior', source='sweep')
-    contrast_std: float = tuning(
-        0.3, 'std of the contrast predicted by neighbors', unit='contrast', source='sweep'
-    )
-    least_size_std: float = tuning(
-        0.01, 'least std of the size predicted by neighbors', unit='radius', source='sweep'
-    )
-    together: int = tuning(4, 'correlation length of image errors', unit='px', source='sweep')
-    error: float = tuning(
-        0.0025,
-        'error of the center due to unevenness along the arm',
-        unit='way^2 / radius',
-        source='measured: composed films of other photographs and seeds than are scored',
-    )
-    least_error: float = tuning(
-        0.01, 'smallest error of the center, due to uneven paint', unit='radius', source='sweep'
+    paint: float = tuning(
+        0.01,
+        'smallest error of the center, and std of the size, due to uneven paint',
+        unit='radius',
+        source='sweep',
     )
     differs: float = tuning(
         1.8, 'largest ratio of contrasts between a dot and its neighbors', source='sweep'
@@ -174,13 +137,13 @@ def fit_moving_dot(
     """
     outline = outline.copy()
     dot = None
-    for _ in range(settings.moves):
+    for _ in range(ELLIPSE.passes):
         before = outline[[CENTER_U, CENTER_V]]
         dot = _fit_within(grey, outline, along, end, known, settings)
         if dot is None:
             return None
         outline[[CENTER_U, CENTER_V]] = dot.center
-        if math.hypot(*(dot.center - before)) < settings.near * _radius(outline):
+        if math.hypot(*(dot.center - before)) < SAME_PIXELS:
             break
     return dot
 
@@ -210,9 +173,9 @@ def _cut(
     """Collect the pixels around a dot, and the splines across the arm."""
     radius, place = _radius(outline), outline[[CENTER_U, CENTER_V]]
     way, across = outline[[SMEAR_U, SMEAR_V]], np.array([-along[1], along[0]])
-    width = (1.0 + settings.beyond) * radius + settings.blur * float(outline[WIDTH])
-    width += 0.5 * abs(float(across @ way))
-    first = -settings.before * radius - 0.5 * abs(float(along @ way))
+    around = (1.0 + settings.beyond) * radius + ELLIPSE.around * float(outline[WIDTH])
+    width = around + 0.5 * abs(float(across @ way))
+    first = -around - 0.5 * abs(float(along @ way))
     reach = math.hypot(width, first)
     low = np.maximum(np.ceil(place - reach), 0.0).astype(np.int64)
     high = np.maximum(np.floor(place + reach) + 1.0, 0.0).astype(np.int64)
@@ -248,7 +211,7 @@ def _fit_within(
     std[many + 3 : many + 5] = known.way_std * math.hypot(*given)
     wanted = np.zeros(len(std))
     variance = 1.0
-    for turn in range(settings.passes):
+    for turn in range(ELLIPSE.passes):
         covered, moved = _draw(pixels.x - off[0], pixels.y - off[1], outline, way, size)
         columns = np.column_stack([pixels.arm, covered, contrast * moved])
         weights = variance / (std * std) + FLAT
@@ -261,21 +224,21 @@ def _fit_within(
         contrast = float(solution[many])
         step = solution[many + 1 : many + 5]
         off, way, size = off + step[:2], way + step[2:], size + float(solution[many + 5])
-        if contrast <= 0.0 or abs(size - 1.0) > settings.largest_change:
+        if contrast <= 0.0 or size <= 0.0:
             return None
-        if turn > 1 and np.abs(step[:2]).max() < settings.done:
+        if turn > 1 and np.abs(step[:2]).max() < ELLIPSE.done:
             break
     else:
         return None
     inverse = np.linalg.inv(normal)
     of_center = slice(many + 1, many + 3)
     by_pixel = (inverse[of_center] @ columns.T) * (left * math.sqrt(count / spare))
-    covariance = _covariance(by_pixel, pixels.inside, settings.together)
+    radius = _radius(outline)
+    covariance = _covariance(by_pixel, pixels.inside, round(radius))
     covariance += variance * (inverse[of_center] * weights) @ inverse[:, of_center]
     white = variance * float(np.diagonal(inverse)[of_center].max())
     square = max(float(np.linalg.eigvalsh(covariance)[-1]), white)
-    radius = _radius(outline)
-    error = math.hypot(settings.error * float(way @ way) / radius, settings.least_error * radius)
+    error = math.hypot(ELLIPSE.smear_error * float(way @ way) / radius, settings.paint * radius)
     return MovingDot(
         center=outline[[CENTER_U, CENTER_V]] + off,
         way=way,
@@ -346,9 +309,9 @@ def prior_from_neighbors(
     ways = np.array([dot.longer for dot in dots])
     return Known(
         contrast=contrast,
-        contrast_std=settings.contrast_std * contrast,
+        contrast_std=settings.fit_std * contrast,
         size=float(np.median(sizes)),
-        size_std=max(_spread(sizes), settings.least_size_std),
+        size_std=max(_spread(sizes), settings.paint),
         longer=float(np.median(ways)),
         way_std=max(_spread(ways), settings.fit_std),
     )
@@ -367,7 +330,9 @@ def prior_alone(outline: Array, contrast: float, settings: MovingDotSettings) ->
         size=1.0,
         size_std=max(settings.fit_std, float(outline[SIZE_STD])),
         longer=1.0,
-        way_std=settings.way_std,
+        way_std=max(
+            settings.fit_std, float(outline[SMEAR_STD] / math.hypot(*outline[[SMEAR_U, SMEAR_V]]))
+        ),
     )
 
 
@@ -387,7 +352,7 @@ def moves_far(outlines: Array) -> Mask:
 def end_of_arm(outline: Array, along: Array, settings: MovingDotSettings = MOVING_DOTS) -> float:
     """Return the farthest end of the arm beyond the last dot (FITTED,) during the exposure, px."""
     smeared = 0.5 * abs(float(along @ outline[[SMEAR_U, SMEAR_V]]))
-    return settings.ends * _radius(outline) - settings.blur * float(outline[WIDTH]) - smeared
+    return settings.ends * _radius(outline) - ELLIPSE.around * float(outline[WIDTH]) - smeared
 
 
 def as_fitted(outline: Array, dot: MovingDot) -> Array:

@@ -93,17 +93,16 @@ def fit_outlines(
         result[:10] = now
         result[U], result[V], result[ERROR] = start[U] + off[0], start[V] + off[1], error
         result[BEHIND] = median_where(behind, reached)
-        result[WITHIN] = plain_within(result, blocks, near, settings)
+        result[WITHIN] = plain_within(result, blocks, near)
         edge_shares(result, edges, stds, reached, settings)
 
 
 @inner
 def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int]:
     """Return the bounding box of an ellipse in an image: left, top, right + 1, bottom + 1."""
-    outward = settings.outward * start[BLUR] + settings.shift + settings.margin
-    outward += 0.5 * math.hypot(start[WAY_U], start[WAY_V])
-    reach_u = math.hypot(start[XX], start[XY]) + outward
-    reach_v = math.hypot(start[XY], start[YY]) + outward
+    around = reach_of_edge(start, settings) + settings.shift
+    reach_u = math.hypot(start[XX], start[XY]) + around
+    reach_v = math.hypot(start[XY], start[YY]) + around
     height, width = grey.shape
     left = int(min(max(math.floor(start[U] - reach_u), 0.0), width))
     top = int(min(max(math.floor(start[V] - reach_v), 0.0), height))
@@ -115,16 +114,19 @@ def box_of(grey: Bytes, start: Array, settings: Any) -> tuple[int, int, int, int
 
 
 @inner
+def reach_of_edge(one: Array, settings: Any) -> float:
+    """Return the distance (px) from an ellipse within which its blurred, moving edge is seen."""
+    reach: float = settings.around * one[BLUR] + 1.0  # a pixel is one wide
+    return reach + 0.5 * math.hypot(one[WAY_U], one[WAY_V])
+
+
+@inner
 def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
     """Collect the pixels that may be near the edge of an ellipse, and return their number."""
     left, top, right, bottom = box_of(grey, start, settings)
     determinant = start[XX] * start[YY] - start[XY] * start[XY]
     xx, xy, yy = start[YY] / determinant, -start[XY] / determinant, start[XX] / determinant
-    more = settings.shift + settings.margin + 0.5 * math.hypot(start[WAY_U], start[WAY_V])
-    nearest, farthest = (
-        -settings.inward * start[BLUR] - more,
-        settings.outward * start[BLUR] + more,
-    )
+    farthest = reach_of_edge(start, settings) + settings.shift
     count, many = int(settings.sectors), 0
     per_turn = count / (2.0 * math.pi)
     for row in range(top, bottom):
@@ -134,7 +136,7 @@ def cut_rim(grey: Bytes, start: Array, settings: Any, rim: Array) -> int:
             across, down = xx * at_x + xy * at_y, xy * at_x + yy * at_y
             outside[column] = distance_outside(xx, xy, yy, across, down)
         for column in range(right - left):
-            if not nearest < outside[column] < farthest:
+            if not abs(outside[column]) < farthest:
                 continue
             at_x = column + left - start[U]
             across, down = xx * at_x + xy * at_y, xy * at_x + yy * at_y
@@ -173,7 +175,7 @@ def first_plateau(start: Array, rim: Array, many: int, settings: Any) -> float:
 
 
 @inner
-def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
+def plain_within(one: Array, blocks: Array, near: int) -> float:
     """Return the fraction of the inside of an ellipse with the modeled brightness.
 
     blocks: those of the pixels near its edge.
@@ -185,7 +187,7 @@ def plain_within(one: Array, blocks: Array, near: int, settings: Any) -> float:
     for pixel in range(near):
         lines, place = blocks[pixel // BLOCK], pixel % BLOCK
         covered = lines[COVERED * BLOCK + place]
-        if covered > settings.within * most:
+        if covered > 0.5 * most:
             inside += 1
             least = (covered - PLAIN) * (one[LIGHT] - one[BEHIND])
             plain += lines[LEVEL * BLOCK + place] >= one[BEHIND] + least
@@ -208,7 +210,7 @@ def edge_shares(one: Array, edges: Array, stds: Array, reached: Mask, settings: 
         seen += abs(edges[sector]) < near + unsure
         exact += abs(edges[sector]) < on + unsure
         outside += edges[sector] > near + unsure
-    one[NEAR] = seen / max(visible, 1) if visible >= settings.visible * there else 0.0
+    one[NEAR] = seen / max(visible, 1) if 2 * visible >= there else 0.0
     one[ON], one[OUTSIDE] = exact / edges.size, outside / edges.size
 
 
@@ -302,8 +304,7 @@ def move_ellipse(
     slopes[0] += step[9]
     slopes[1] += step[10]
     smallest = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-    smear = math.hypot(now[6], now[7])
-    whole: bool = smallest >= LEAST_AXIS and smear <= settings.most_smear
+    whole: bool = smallest >= LEAST_AXIS
     return whole
 
 
@@ -343,8 +344,7 @@ def fit_edge(
         given[0], given[1], given[2] = yy / determinant, -xy / determinant, xx / determinant
         given[3:7], given[7:9], given[9:11] = now[5:9], slopes, off
         smear = math.hypot(now[WAY_U], now[WAY_V])
-        more = settings.margin + 0.5 * smear
-        reach = settings.inward * now[BLUR] + more, settings.outward * now[BLUR] + more
+        reach = reach_of_edge(now, settings)
         near, weights = linearize_edge(
             rim, many, given, believed, moments, reach, blocks, (product, behind), by_sector
         )

@@ -28,6 +28,7 @@ from pneunet_ros.vision.dots.moving_dots import (
     MovingDot,
     prior_alone,
     prior_from_neighbors,
+    SAME_PIXELS,
 )
 from pneunet_ros.vision.gating import Mask
 from pneunet_ros.vision.row_look import (
@@ -121,7 +122,7 @@ def _parts_at(
     believed &= believable_parts(found, expected, share, settings, view.vision.gating)
     if last is not None:
         # A new target must be on the row: a finger nail is as bright and as large.
-        worse = found[:, STD] > settings.unclear * np.nanmedian(row.table[:, STD])
+        worse = found[:, STD] > settings.unlike * np.nanmedian(row.table[:, STD])
         believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
     found[~believed] = np.nan
     return found
@@ -177,7 +178,7 @@ def _moving_at(
     found = np.full_like(row.table, np.nan)
     away = np.abs(np.arange(len(moving))[:, None] - informing).min(axis=1)
     for target in sorted(np.flatnonzero(moving).tolist(), key=lambda it: int(away[it])):
-        nearest = sorted(informing, key=lambda it: abs(it - target))[: settings.informing]
+        nearest = sorted(informing, key=lambda it: abs(it - target))[:FEWEST]
         for other in nearest:
             if other not in fitted:
                 outline = expected[other].copy()
@@ -187,14 +188,13 @@ def _moving_at(
                     grey, outline, along[other], ends[other], nothing, settings
                 )
         dots = [dot for it in nearest if (dot := fitted[it]) is not None]
-        if len(dots) < settings.fewest:
+        if not dots:
             continue
         known = prior_from_neighbors(dots, settings)
         for places in starts:
             outline = expected[target].copy()
             outline[[CENTER_U, CENTER_V]] = places[target]
-            near = settings.near * math.sqrt(expected[target, AXIS_XX] * expected[target, AXIS_YY])
-            again = math.hypot(*(places[target] - found[target, :2])) < near
+            again = math.hypot(*(places[target] - found[target, :2])) < SAME_PIXELS
             if np.isnan(outline).any() or again:
                 continue
             dot = fit_moving_dot(grey, outline, along[target], ends[target], known, settings)
@@ -210,7 +210,7 @@ def _moving_at(
             informing.append(target)
     found[~is_possible(found, view.appearance.look, grey.shape)] = np.nan
     if last is not None:
-        worse = found[:, STD] > look.unclear * np.nanmedian(row.table[:, STD])
+        worse = found[:, STD] > look.unlike * np.nanmedian(row.table[:, STD])
         found[~_are_on_row(view, row, found, moving & (~last.seen | worse))] = np.nan
     return found
 

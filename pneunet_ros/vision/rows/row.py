@@ -76,7 +76,7 @@ class TrackedRow:
     def outlines(self, places: Array, vision: VisionSettings) -> Array:
         """Return predicted outlines of targets with unchanged appearance; places (n, 2) px."""
         blobs, smear = vision.blobs, self.exposure * self.velocity
-        stds = blobs.smear_std + vision.row_tracker.smear_std * np.hypot(*smear.T)
+        stds = blobs.smear_std + blobs.shape_std * np.hypot(*smear.T)
         return outlines(
             places,
             axes_of(self.table),

@@ -49,7 +49,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     smaller = last.seen & (row.table[:, AREA] < look.least_area * last.area)
     shown = shows_own_size(row.table, look, view.vision.gating) & ~last.sized & ~smaller
     area[shown] = row.table[shown, AREA]
-    area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
+    area[seen] += (1.0 - view.vision.beam_search.memory) * (row.table[seen, AREA] - area[seen])
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
     velocity, exposure = np.zeros_like(pixels), last.exposure
