@@ -27,13 +27,7 @@ from pneunet_ros.diagnosis.fit.hypothesis import hypotheses
 from pneunet_ros.diagnosis.fit.refit import refit
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
 from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
-from pneunet_ros.diagnosis.settings import (
-    DEFAULTS,
-    DiagnosisSettings,
-    LEAST_EVIDENCE,
-    SCORE_TEST,
-    SELECTION,
-)
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, LEAST_EVIDENCE, SCORE_TEST
 from pneunet_ros.diagnosis.usable_frames import at_rest, with_tips
 from pneunet_ros.diagnosis.verdict import Verdict
 from pneunet_ros.discovery.covariates import ELAPSED
@@ -188,7 +182,7 @@ class Engine:
             if (
                 trial.names
                 and not better[0].record.adequate
-                and (better[0].record.excess > SELECTION.most_left * trial.record.excess)
+                and (2.0 * better[0].record.excess > trial.record.excess)
             ):
                 break
             trial, rivals = better[0], better[1:]

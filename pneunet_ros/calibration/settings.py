@@ -64,11 +64,6 @@ class NoiseEstimateSettings:
     smooth_degree: int = tuning(
         6, 'largest degree of the polynomial along a straight arm', source='sweep'
     )
-    many_targets: int = tuning(
-        12,
-        'number of targets sufficient to estimate small placement errors, and equal noise',
-        source='sweep',
-    )
     straightest: float = tuning(
         0.1, 'share of the unloaded frames that count as straightest', source='sweep'
     )
@@ -88,6 +83,11 @@ class NoiseEstimateSettings:
     heading: float = tuning(
         0.02, 'std of a measured heading, if not estimated', unit='rad', source='sweep'
     )
+
+    @property
+    def many_targets(self) -> int:
+        """Targets sufficient to estimate small placement errors, and equal noise."""
+        return 2 * self.smooth_degree
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.fit.refit import Refit
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
-from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LOCALIZATION
+from pneunet_ros.diagnosis.settings import LACK_OF_FIT, LINEARIZATION
 import scipy
 
 # Bins of each axis, for the shares of the misfit.
@@ -74,7 +74,7 @@ def collect_frames(refit: Refit, *, harmless: bool = False) -> Frames:
             time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
         if not run.static and len(time) > 1:
             speed = np.gradient(inputs.pressure, time) / (high - low)
-            direction = np.where(np.abs(speed) > LOCALIZATION.moving, np.sign(speed), np.nan)
+            direction = np.where(np.abs(speed) > LINEARIZATION.unloading, np.sign(speed), np.nan)
         axes.append((inputs.pressure, np.hypot(*inputs.loads[:, :2].T), time, direction))
     names: tuple[Axis, ...] = ('pressure', 'force', 'time', 'direction')
     by_axis = [np.concatenate(item) for item in zip(*axes, strict=True)]

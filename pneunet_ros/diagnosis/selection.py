@@ -392,7 +392,7 @@ def choose_best(trial: Trial, extended: Sequence[Trial]) -> Trial | None:
 def is_worth_adding(trial: Trial, better: Trial) -> bool:
     """Whether one more effect explains all or most of the remaining misfit."""
     record = better.record
-    return record.adequate or record.excess < SELECTION.most_left * trial.record.excess
+    return record.adequate or 2.0 * record.excess < trial.record.excess
 
 
 def is_absent(fit: Refit, name: str, most: float) -> bool:

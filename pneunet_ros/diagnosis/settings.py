@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from pneunet_ros.calibration.settings import FIXED as FIXED_IN_CALIBRATION
-from pneunet_ros.calibration.settings import GAUGE_PASCALS
+from pneunet_ros.calibration.settings import GAUGE_PASCALS, NOISE_ESTIMATE
 from pneunet_ros.core.settings import setting, tuning
 from pneunet_ros.measurement.meaning.pressure_convention import PressureConvention
 from pneunet_ros.measurement.reading_filter import READING_FILTER
+from pneunet_ros.model.domain import DOMAIN
 
 # Log probability that counts as evidence: strong, 20 to 1 (Kass and Raftery, 1995). No figure of
 # acceptance/sweep.py moves when it is halved or doubled.
@@ -26,16 +27,17 @@ class BaseFitSettings:
     frames: int = tuning(
         48, 'frames of every run; neighbors differ by white noise alone', source='sweep'
     )
-    first_frames: int = tuning(
-        24, 'frames of every run for the fit of the base model', source='sweep'
-    )
+
+    @property
+    def first_frames(self) -> int:
+        """Frames of every run for the fit of the base model: every other one."""
+        return self.frames // 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearizationSettings:
     """Settings of the linearization of recordings, and of generic fields for departures."""
 
-    tolerance: float = tuning(0.001, 'rms of negligible departures', unit='length', source='sweep')
     tilt: float = tuning(
         0.005,
         'negligible change of scale over the length, due to a tilted image',
@@ -57,11 +59,17 @@ class LinearizationSettings:
     )
     unloading: float = tuning(
         0.02,
-        'distance from the highest pressure so far, and default width of a play operator',
+        'distance from the highest pressure so far, default width of a play operator, and change '
+        'per second below which the pressure is constant',
         unit='pressure range',
         source='sweep',
     )
     windows: int = tuning(10, 'number of windows of time in every run', source='sweep')
+
+    @property
+    def tolerance(self) -> float:
+        """Rms of negligible departures, of the length: as of painted targets from their places."""
+        return NOISE_ESTIMATE.placement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,15 +134,11 @@ class SelectionSettings:
 
     finalists: int = tuning(2, 'number of candidates fitted to convergence', source='sweep')
     near: float = tuning(0.3, 'smallest gain of a finalist', unit='of the best', source='sweep')
-    least_gain: float = tuning(
-        16.0,
-        'smallest gain of an additional effect: four sigma',
-        unit='chi squared',
-        source='sweep',
-    )
-    most_left: float = tuning(
-        0.5, 'largest excess after adding an effect', unit='of that before', source='invented'
-    )
+
+    @property
+    def least_gain(self) -> float:
+        """Smallest gain of an additional effect, chi squared."""
+        return DOMAIN.significant**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,27 +157,15 @@ class ConfirmationSettings:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocalizationSettings:
-    """Settings of the misfit shares over arclength, pressure, force, time and direction."""
-
-    moving: float = tuning(
-        0.02,
-        'rate of pressure below which the pressure is constant',
-        unit='pressure range/s',
-        source='sweep',
-    )
-
-
 BASE_FIT, LINEARIZATION = BaseFitSettings(), LinearizationSettings()
 HYPOTHESIS, SCORE_TEST = HypothesisSettings(), ScoreTestSettings()
 LACK_OF_FIT = LackOfFitSettings()
 REFIT, SELECTION = RefitSettings(), SelectionSettings()
 CONFIRMATION = ConfirmationSettings()
-READING_NOISE, LOCALIZATION = ReadingNoiseSettings(), LocalizationSettings()
+READING_NOISE = ReadingNoiseSettings()
 FIXED: tuple[Any, ...] = (  # common to all diagnoses
     *FIXED_IN_CALIBRATION, READING_FILTER, BASE_FIT, LINEARIZATION, HYPOTHESIS, SCORE_TEST,
-    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION, LOCALIZATION,
+    LACK_OF_FIT, REFIT, READING_NOISE, SELECTION, CONFIRMATION,
 )  # fmt: skip
 
 

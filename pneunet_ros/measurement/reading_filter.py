@@ -18,6 +18,7 @@ from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.domain import DOMAIN
 from pneunet_ros.model.uncertainty import SensorNoise
 
 Piece = tuple[int, int]  # first and last reading of a straight line
@@ -31,12 +32,6 @@ class ReadingFilterSettings:
         25.0,
         'significant improvement by a slope, or by a second line',
         unit='chi squared',
-        source='sweep',
-    )
-    scatter: float = tuning(
-        4.0,
-        'significant excess of the chi squared of a line over its mean',
-        unit='std',
         source='sweep',
     )
 
@@ -171,7 +166,7 @@ class Lines:
         sums = self.sums_of(first, last)
         two_lines = chi_squared(sums[:, :-1]) + chi_squared(sums[:, -1:] - sums[:, :-1])
         best, one_line = int(np.argmin(two_lines)), float(chi_squared(sums[:, -1:])[0])
-        scatter = one_line - count > READING_FILTER.scatter * np.sqrt(2.0 * count)
+        scatter = one_line - count > DOMAIN.significant * np.sqrt(2.0 * count)
         if one_line - two_lines[best] <= READING_FILTER.corner and not scatter:
             return None
         return first + best

@@ -49,8 +49,12 @@ class DomainSettings:
         unit='pressure_std',
         source='sweep',
     )
-    load_noise: float = tuning(
-        4.0, 'largest load beyond the hull that noise explains', unit='sigma', source='sweep'
+    significant: float = tuning(
+        4.0,
+        'largest deviation that noise explains: of a load beyond the hull, of readings from a '
+        'line, of residuals that an effect removes',
+        unit='sigma',
+        source='sweep',
     )
     stretch: float = tuning(
         1.3, 'largest distance of two places on the arm, relative to that along it', source='sweep'

@@ -66,7 +66,7 @@ def locate_load(
     """
     sensors = arm.sensors
     std = std or (sensors.force_std, sensors.force_std, sensors.moment_std, sensors.pressure_std)
-    noise = [DOMAIN.load_noise * sigma for sigma in std]
+    noise = [DOMAIN.significant * sigma for sigma in std]
     low, high = arm.pressure_range
     inside = min(max(chamber, low), high)
     at = (load.force_x, load.force_y, load.moment, inside)

@@ -205,7 +205,7 @@ def expected_load(arm: Arm, pressure: Array) -> ExpectedLoad | None:
         return None
     hull, noise = arm.load_hull, arm.sensors
     at = np.clip(pressure, *arm.pressure_range).tolist()
-    resolution = [DOMAIN.load_noise * std for std in (noise.force_std, noise.force_std, 0.0, 0.0)]
+    resolution = [DOMAIN.significant * std for std in (noise.force_std, noise.force_std, 0.0, 0.0)]
 
     def beyond(forces: Forces) -> float:
         loads = ([one.real, one.imag, 0.0, p] for one, p in zip(forces.tolist(), at, strict=True))
