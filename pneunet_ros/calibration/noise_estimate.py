@@ -305,7 +305,7 @@ def resting_series(series: Sequence[Array]) -> list[Array]:
     return [
         values
         for values, std in zip(series, stds, strict=True)
-        if std <= NOISE_ESTIMATE.restless * least
+        if std <= NOISE_ESTIMATE.differs * least
     ]
 
 
@@ -444,7 +444,7 @@ def placement(
     if arclength.size < FEWEST_TARGETS or len(complete) < NOISE_ESTIMATE.fewest:
         return None
     chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
-    count = max(NOISE_ESTIMATE.fewest, round(NOISE_ESTIMATE.straightest * len(complete)))
+    count = NOISE_ESTIMATE.fewest
     mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
     freedom = placement_freedom(arclength.size)
     degree = arclength.size - freedom // 2 - 1

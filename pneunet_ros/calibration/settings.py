@@ -49,12 +49,6 @@ class NoiseEstimateSettings:
         'memory',
         source='sweep',
     )
-    restless: float = tuning(
-        1.5,
-        'noise of a run above which it is considered in motion',
-        unit='of the quietest run',
-        source='sweep',
-    )
     even: float = tuning(
         1.5, 'largest mean over targets during smooth motion', unit='sigma', source='sweep'
     )
@@ -63,9 +57,6 @@ class NoiseEstimateSettings:
     )
     smooth_degree: int = tuning(
         6, 'largest degree of the polynomial along a straight arm', source='sweep'
-    )
-    straightest: float = tuning(
-        0.1, 'share of the unloaded frames that count as straightest', source='sweep'
     )
     placement: float = tuning(
         1e-3,
@@ -79,7 +70,12 @@ class NoiseEstimateSettings:
         unit='way to the last target',
         source='sweep',
     )
-    differs: float = tuning(2.5, 'smallest reported ratio to the stated noise', source='sweep')
+    differs: float = tuning(
+        2.5,
+        'smallest reported ratio to the stated noise; a run louder than the quietest by as much '
+        'is in motion',
+        source='sweep',
+    )
     heading: float = tuning(
         0.02, 'std of a measured heading, if not estimated', unit='rad', source='sweep'
     )

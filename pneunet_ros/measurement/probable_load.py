@@ -9,17 +9,15 @@ the reading are then searched for the observed equilibrium.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.errors.covariance import probable_errors
 from pneunet_ros.measurement.errors.noise_model import attached_std
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN
 from pneunet_ros.model.uncertainty import SensorNoise
 
 ROUNDS = 2  # Gauss-Newton steps; after them the model is linear within the remaining error
@@ -28,22 +26,6 @@ DIRECTIONS = 8  # directions of the force in which another equilibrium is search
 SNAPPED = 0.02  # lengths, rms of the targets: a frame may show another equilibrium
 SEARCH_RADIUS = 2.0  # sigma, around the reading
 CONFIRMED = 0.3  # of the distance, by which another equilibrium is confirmed
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProbableLoadSettings:
-    """Settings of the search for the most probable load, and the limit of reading errors."""
-
-    largest_error: float = tuning(
-        3.0,
-        'largest load error due to noise; beyond it, the correction decreases to zero at twice '
-        'this value, because the model is not fitted yet',
-        unit='sigma',
-        source='invented',
-    )
-
-
-PROBABLE_LOAD = ProbableLoadSettings()
 
 
 def probable_load_errors(
@@ -73,7 +55,8 @@ def probable_load_errors(
     for _ in range(ROUNDS):
         shifted_inputs = inputs.with_loads(inputs.loads + shift)
         errors = linear_errors(model, arm, run, shifted_inputs, shift, disturbance, noise)
-        weight = np.clip(2.0 - np.abs(errors).max(axis=1) / PROBABLE_LOAD.largest_error, 0.0, 1.0)
+        # Beyond what noise explains, the correction falls to zero: the model is not fitted yet.
+        weight = np.clip(2.0 - np.abs(errors).max(axis=1) / DOMAIN.significant, 0.0, 1.0)
         previous_shift, distance = shift, distance_to_targets(model, measured)
         previous_solutions = model.subset(np.arange(len(shift)))
         shift = std * errors * weight[:, None]

@@ -21,6 +21,7 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN
 import scipy
 
 MOST_POSES = 100  # used, evenly spread: CPU
@@ -32,12 +33,6 @@ Places = npt.NDArray[np.complex128]
 class TipFrameSettings:
     """Settings of the search for the clamp."""
 
-    out_of_reach: float = tuning(
-        1.1,
-        'largest possible distance of a tip from the clamp',
-        unit='reach',
-        source='convention: pneu-nets lengthen by a few percent',
-    )
     largest_std: float = tuning(
         0.05,
         'largest standard error of the clamp position from noise alone',
@@ -56,6 +51,11 @@ class TipFrameSettings:
         unit='of the mean',
         source="the shipped table of the paper's arm: 0.3",
     )
+
+    @property
+    def out_of_reach(self) -> float:
+        """Largest possible distance of a tip from the clamp, in reaches."""
+        return 1.0 + DOMAIN.significant * self.elongation
 
 
 TIP_FRAME = TipFrameSettings()

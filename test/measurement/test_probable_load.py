@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.probable_load import PROBABLE_LOAD, probable_load_errors
+from pneunet_ros.measurement.probable_load import probable_load_errors
+from pneunet_ros.model.domain import DOMAIN
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
@@ -50,7 +51,7 @@ def test_targets_say_what_the_sensor_misread_where_the_arm_is_compliant():
 
 def test_what_no_noise_explains_is_not_taken_for_noise():
     assert not misread(error=20.0 * MISREAD)[2][:2].any()
-    assert np.abs(misread()[2]).max() < PROBABLE_LOAD.largest_error * USUAL.force_std
+    assert np.abs(misread()[2]).max() < DOMAIN.significant * USUAL.force_std
 
 
 def test_a_known_load_and_no_load_have_no_errors():
@@ -82,7 +83,7 @@ def test_an_arm_seen_before_it_snaps_is_looked_for_at_loads_at_which_it_has_not(
     before = apart(run, model, inputs)
     assert before.min() > 0.1  # the load as read holds it only on the other side
     found = probable_load_errors(model, ARM, run, inputs, np.zeros_like(run.points), USUAL)
-    assert np.abs(found).max() <= PROBABLE_LOAD.largest_error * USUAL.force_std
+    assert np.abs(found).max() <= DOMAIN.significant * USUAL.force_std
     after = apart(run, model, inputs.with_loads(inputs.loads + found))
     assert after.max() < 0.02
 
