@@ -80,7 +80,9 @@ class Cause:
 
     ramp (s): of pressure and load; loaded: something pulls at the tip. effects, motion: of the
     scenario. seen: what a recording's frames become. ripple (Pa): of the reading alone. imu: an
-    accelerometer is read at the base.
+    accelerometer is read at the base. loses: whether the film has lost frames, and is stamped k /
+    fps; late (s): stamps of frames, behind their exposure; behind (s): readings of the pressure,
+    behind the chamber; delay_std (s): what the fusion is told of that.
     """
 
     ramp: float = 0.6
@@ -90,6 +92,10 @@ class Cause:
     seen: Callable[[LabRecording, np.random.Generator], LabRecording] | None = None
     ripple: float = 0.0
     imu: bool = False
+    loses: bool = False
+    late: float = 0.0
+    behind: float = 0.0
+    delay_std: float = 0.0
 
 
 def beside(recording: LabRecording, off: float = 3e-3) -> LabRecording:
@@ -141,6 +147,7 @@ def lost(recording: LabRecording, random: np.random.Generator, share: float = 0.
 
 
 TILT = math.sin(math.radians(10.0))
+ONE_FRAME = EVERY / RATE
 STEPS = LabMotion(damping_time=0.03)
 CAUSES = {
     'nothing wrong': Cause(),
@@ -155,14 +162,19 @@ CAUSES = {
     'dots 5 % closer': Cause(seen=lambda one, _: closer(one)),
     'friction: a play of 4 kPa': Cause(changes={'hysteresis': {'width': 4e3}}),
     'mirrored image': Cause(seen=lambda one, _: dataclasses.replace(one, y=-one.y)),
-    '3 % lost frames, stamped k / fps': Cause(),
+    '3 % lost frames, stamped k / fps': Cause(loses=True),
+    '3 % lost frames, and delay_std of a frame': Cause(loses=True, delay_std=ONE_FRAME),
+    'frames stamped 0.15 s late': Cause(late=0.15),
+    'frames stamped 0.15 s late, and delay_std': Cause(late=0.15, delay_std=ONE_FRAME),
+    'pressure read 0.15 s late': Cause(behind=0.15),
+    'pressure read 0.15 s late, and delay_std': Cause(behind=0.15, delay_std=ONE_FRAME),
+    'nothing wrong, but delay_std': Cause(delay_std=ONE_FRAME),
     'rolling shutter of 33 ms, steps': Cause(ramp=0.1, seen=lambda one, _: rolling(one)),
     'rolling shutter and mass, steps': Cause(
         ramp=0.1, motion=STEPS, seen=lambda one, _: rolling(one)
     ),
     '2.5 kPa of valve ripple at 27 Hz': Cause(ripple=2.5e3),
 }
-LOST = '3 % lost frames, stamped k / fps'
 
 
 def recording_of(seed: int, which: int, name: str, seconds: float = SECONDS) -> LabRecording:
@@ -206,13 +218,15 @@ def readings_of(
     random, gyro = (np.random.default_rng([seed, stream]) for stream in (13, 31))
     read, time = read_sensors(recording, random), recording.truth.time
     read[:, 3] += CAUSES[name].ripple * np.sin(2.0 * np.pi * 27.0 * time)
+    read[:, 3] = np.interp(time - CAUSES[name].behind, time, read[:, 3])
     frames = np.arange(0, time.size, EVERY)
-    stamps = recording.stamp_ns[frames]
-    if name == LOST:
+    stamps = recording.stamp_ns[frames] + round(NANOSECONDS_PER_SECOND * CAUSES[name].late)
+    if CAUSES[name].loses:
         frames = lost(recording, random)
         period = round(NANOSECONDS_PER_SECOND * EVERY / RATE)
         stamps = recording.stamp_ns[0] + period * np.arange(frames.size)
-    arriving = dict(zip((frames + LATE).tolist(), zip(frames, stamps, strict=True), strict=True))
+    arrivals = np.searchsorted(recording.stamp_ns, stamps) + LATE  # in the order of the stamps
+    arriving = dict(zip(arrivals.tolist(), zip(frames, stamps, strict=True), strict=True))
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
         events: list = []
         if instant in arriving:
@@ -244,6 +258,8 @@ def fuse(
     fusion: Fusion, recording: LabRecording, name: str, seed: int, *, wrench: bool = False
 ) -> tuple[Array, list]:
     """Return NUMBERS of every reading, and what was said at each."""
+    settings = dataclasses.replace(fusion.settings, delay_std=CAUSES[name].delay_std)
+    fusion = dataclasses.replace(fusion, settings=settings)
     truth, state = recording.truth, FusionState()
     rows, said = np.full((truth.time.size, len(NUMBERS)), np.nan), []
     for instant, events in enumerate(readings_of(recording, name, seed, wrench=wrench)):

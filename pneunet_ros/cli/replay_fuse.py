@@ -30,7 +30,7 @@ from rich.console import Console
 def run_fusion(arguments: Namespace) -> int:
     """Fuse the recording and summarize."""
     arm = verb.model_of(arguments)
-    settings = replace(FUSION, free_tip=arguments.free_tip)
+    settings = replace(FUSION, free_tip=arguments.free_tip, delay_std=arguments.delay_std)
     fusion = Fusion(arm=arm, sensors=verb.settings_of(arguments), settings=settings)
     overrides = verb.topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
@@ -60,6 +60,7 @@ def run_fusion(arguments: Namespace) -> int:
         'ambiguous': tally.ambiguous,
         'contacts': tally.contacts,
         'force_sensor': None if sensor is None else sensor.numbers,
+        'frame_delay_s': state.frame_delay,
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
         'beyond_noise': tally.inconsistent,
@@ -103,6 +104,8 @@ def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
         )
         if last.force_sensor is not None:
             facts['force sensor'] = last.force_sensor.words
+        if summary['frame_delay_s'] is not None:
+            facts['last frame'] = f'{summary["frame_delay_s"]:+.3f} s after its stamp'
         if last.contact is not None and not last.contact.ambiguous:
             touch = last.contact
             facts['contact in it'] = (

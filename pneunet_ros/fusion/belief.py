@@ -43,7 +43,8 @@ class Belief(Gaussian):
     frame, None before the first; frames: number used so far; causes: names of the active causes;
     reference: reference of a swing, None if the model has no `motion`, or before any frame;
     inertial: what the forces say of a mass that the model does not have; last: the last frame, and
-    rest: the last one of an arm at rest, None if that is not known.
+    rest: the last one of an arm at rest, None if that is not known; delay_ns: how much later than
+    its stamp the last frame shows the arm, by the pressure, beyond the delay of the model.
     """
 
     stamp_ns: int
@@ -57,6 +58,7 @@ class Belief(Gaussian):
     inertial: InertialForce | None = None
     last: TakenFrame | None = None
     rest: TakenFrame | None = None
+    delay_ns: int = 0
 
     @property
     def unpressed(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.outcome import Refusal, refuse
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_since
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane
@@ -25,6 +26,7 @@ from pneunet_ros.fusion.swinging import propagate_swing, swinging_estimate, Swin
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.camera import Camera
 from pneunet_ros.measurement.blocks.contact import Push
+from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.errors.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.errors.noise_model import target_std
@@ -34,7 +36,7 @@ from pneunet_ros.measurement.errors.propagated_errors import (
     SeenShape,
 )
 from pneunet_ros.measurement.inference.bank import Hypothesis, odds_relative_to_first
-from pneunet_ros.measurement.inference.gaussian import compress
+from pneunet_ros.measurement.inference.gaussian import compress, widen
 from pneunet_ros.measurement.swinging_arm import EquilibriumBetween
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
@@ -176,7 +178,11 @@ def arm_at(
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
         walk = None if model.swinging is None else belief.walk.largest
-        belief = model.move(belief, stamp_ns, pressure_change, noise, model.size_of(belief), walk)
+        delay = model.certain_delay(belief)
+        late_ns = stamp_ns + round(max(delay, 0.0) * NANOSECONDS_PER_SECOND)
+        belief = model.move(belief, late_ns, pressure_change, noise, model.size_of(belief), walk)
+        belief = replace(belief, stamp_ns=stamp_ns)
+        belief = with_earlier_pressures(model, state.pressures, belief, abs(delay))
         unseen = belief.root[:, columns:].copy()
         unseen[model.unknowns.white] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
@@ -205,6 +211,22 @@ def arm_at(
         position=position_of(model, belief, bent, inputs),
         swinging=swinging_estimate(model.swinging, belief, bent, motion),
     )
+
+
+def with_earlier_pressures(
+    model: PreparedModel, known: tuple[PressureInstant, ...], belief: Belief, seconds: float
+) -> Belief:
+    """Return the belief if the pressure of the last seconds may still act on the arm.
+
+    That camera and pressure are not of the same time does not tell which of them is wrong.
+    """
+    if seconds <= 0.0:
+        return belief
+    acting = [
+        one.chamber for one in known if seconds_since(one.stamp_ns, belief.stamp_ns) <= seconds
+    ]
+    spread = np.array([max(acting) - min(acting)]) if acting else np.zeros(1)
+    return widen(belief, model.unknowns.at(PressureError), spread)
 
 
 def bent_at(

@@ -333,7 +333,7 @@ class PressureCause(Cause):
     sentence: ClassVar = (
         'ignoring the pressure sensor: it disagrees with the targets. Check for a '
         'frozen reading, the unit, the zero offset, the valve and the clocks (frames lost from a '
-        'film, late stamps), then reset; if all are right, run pneunet diagnose'
+        'film, late stamps: set delay_std), then reset; if all are right, run pneunet diagnose'
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:

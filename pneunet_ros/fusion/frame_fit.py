@@ -21,6 +21,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.pauses import pause
 from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.settings import FusionSettings
@@ -28,6 +29,7 @@ from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.contact import Push
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.motion import Motion
+from pneunet_ros.measurement.blocks.timing import Timing
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.disturbances import SMALLEST_STD
@@ -497,7 +499,7 @@ class FrameProblem:
         if growth is not None:
             grid = self.unknowns.block(ModelDiscrepancy).grid
             sizes = grid.after(sizes, growth, fit.size_information(growth))
-        return replace(
+        after = replace(
             self.prior,
             mean=freeze(mean),
             root=freeze(np.ascontiguousarray(root)),
@@ -506,6 +508,27 @@ class FrameProblem:
             solution=fit.trial.bent.solution,
             frames=self.prior.frames + 1,
             reference=self.reference_after(fit),
+        )
+        return self.at_instant(after)
+
+    def at_instant(self, belief: Belief) -> Belief:
+        """Return the belief at the instant that the frame shows, by the pressure.
+
+        One frame shows no delay beyond the time for which its rate of the pressure is known.
+        """
+        if not self.settings.delay_std or self.swinging is not None:
+            return belief
+        where, rate = self.unknowns.at(Timing).start, self.inputs.pressure_rate
+        most = max(self.prior.std(where), Timing.WINDOW)
+        delay, mean = float(np.clip(belief.mean[where], -most, most)), belief.mean.copy()
+        mean[where] = 0.0
+        later_ns = round(delay * NANOSECONDS_PER_SECOND)
+        return replace(
+            belief,
+            stamp_ns=belief.stamp_ns + later_ns,
+            delay_ns=belief.delay_ns + later_ns,
+            mean=freeze(mean),
+            chamber=belief.chamber + rate * delay,
         )
 
     def consider(

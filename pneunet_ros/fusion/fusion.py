@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass, field, replace
+from functools import partial
 import math
 
 import numpy as np
@@ -48,6 +49,7 @@ from pneunet_ros.fusion.readings import (
     followed_by,
     nearest_to,
     NearWrench,
+    pressure_at,
     PressureInstant,
     ReadFrame,
     SeenFrame,
@@ -56,7 +58,6 @@ from pneunet_ros.fusion.readings import (
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PendingFrame, RunningNis
 from pneunet_ros.fusion.weighing import estimate_walk, is_copy, kept_force_errors, take, weigh
-from pneunet_ros.measurement.between_readings import error_between
 from pneunet_ros.measurement.blocks.placement import Placement
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
@@ -70,11 +71,10 @@ from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
 PRESSURES_KEPT = 256  # readings that wait for frames, which arrive later: limits memory
 WRENCHES_KEPT = 256  # end wrenches that wait for frames: limits memory
-MOST_WAITING = 32  # frames that wait for their pressure reading: limits memory
+MOST_WAITING = 128  # frames that wait for their pressure reading: limits memory
 NIS_TIME = 2.0  # s, averaging time of the NIS in the diagnostics
 
 Event = Reading | BaseReading | TargetSightings
-NEAR = 3  # readings on either side for the course of the pressure between two
 USUAL_GAP = 1.5  # times the gap before: longer ones are not interpolated across
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 MOST_AHEAD = 0.1  # s, of a frame before its pressure: more is a note
@@ -192,14 +192,13 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        ready = [item for item in state.waiting if self.model.shown_ns(item) <= instant.stamp_ns]
+        ready_ns = partial(self.ready_ns, state)
+        ready = [item for item in state.waiting if ready_ns(item) <= instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
             pressures=followed_by(state.pressures, instant, PRESSURES_KEPT),
-            waiting=tuple(
-                item for item in state.waiting if self.model.shown_ns(item) > instant.stamp_ns
-            ),
+            waiting=tuple(item for item in state.waiting if ready_ns(item) > instant.stamp_ns),
         )
         for sightings in ready:
             state = self.use_frame(state, sightings)
@@ -245,7 +244,7 @@ class Fusion:
         before_ns = state.pressures[max(len(state.pressures) - 2, 0)].stamp_ns
         shown = [self.model.shown_ns(sightings) for sightings in state.waiting]
         if state.belief is not None and state.belief.frames:
-            shown.append(state.belief.stamp_ns)
+            shown.append(state.belief.stamp_ns - state.belief.delay_ns)
         seconds = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
         if seconds <= MOST_AHEAD + 1.5 * seconds_between(before_ns, last_ns):
             return []
@@ -292,13 +291,12 @@ class Fusion:
         if reason == RESTARTED:
             state = state.without_frames()
         elif reason == AHEAD:
-            state = state.without_frames_after(stamp_ns, self.model.shown_ns(sightings))
+            state = state.without_frames_after(stamp_ns, self.shown_ns(state, sightings))
         elif reason:
             refusal = drop(stamp_ns, reason, sentence)
             return state.count_unused(reason), refusal
         state = replace(state, frame_stamps=state.frame_stamps.after(stamp_ns))
-        shown_ns = self.model.shown_ns(sightings)
-        if state.pressures and shown_ns <= state.pressures[-1].stamp_ns:
+        if state.pressures and self.ready_ns(state, sightings) <= state.pressures[-1].stamp_ns:
             return self.use_frame(state, sightings), None
         if state.pressures:
             since_ns = state.pressures[-1].stamp_ns
@@ -306,7 +304,8 @@ class Fusion:
             since_ns = self.model.shown_ns(state.waiting[0] if state.waiting else sightings)
         alone = state.unpressed and not state.pressures
         gap = state.frame_stamps.before_ns is not None  # the next frame shows if this one is ahead
-        if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
+        stale = self.is_stale(since_ns, self.model.shown_ns(sightings))
+        if not alone and (not stale or (gap and not state.waiting)):
             if len(state.waiting) == MOST_WAITING:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
             return replace(state, waiting=(*state.waiting, sightings)), None
@@ -318,8 +317,9 @@ class Fusion:
         """Process a frame without a pressure reading, and estimate at the stamp of the frame."""
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
+            shown_ns = self.shown_ns(state, earlier)
             state = self.use_frame(state, earlier)
-        belief, shown_ns = state.belief, self.model.shown_ns(sightings)
+        belief = state.belief
         instant, unknown = self.instant_shown(state, shown_ns)
         if unknown is not None or belief is None or belief.stamp_ns != shown_ns:
             return state, unknown
@@ -337,6 +337,21 @@ class Fusion:
             instant = replace(instant, gravity=gravity, turn_rate=turn_rate)
         return instant, unknown
 
+    def shown_ns(self, state: FusionState, sightings: TargetSightings) -> int:
+        """Return when a frame was taken, by the pressure: its stamp and the delay known so far."""
+        delay_ns = 0 if state.belief is None else state.belief.delay_ns
+        return self.model.shown_ns(sightings) + delay_ns
+
+    def ready_ns(self, state: FusionState, sightings: TargetSightings) -> int:
+        """Return the stamp (ns) up to which a frame needs the pressure.
+
+        If it is certain to show the arm later than its stamp, it may also be one sigma later.
+        """
+        shown_ns, belief = self.shown_ns(state, sightings), state.belief
+        if belief is None or self.model.certain_delay(belief) <= 0.0:
+            return shown_ns
+        return shown_ns + round(self.model.delay_std(belief) * NANOSECONDS_PER_SECOND)
+
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
         """Whether the last pressure reading is too old at a stamp."""
         return seconds_between(last_ns, stamp_ns) > self.sensors.input_timeout
@@ -347,30 +362,7 @@ class Fusion:
         Before any reading it is the middle of the range.
         """
         known = state.pressures
-        if not known:
-            return self.model.unread_at(stamp_ns)
-        after = bisect_left(known, stamp_ns, key=stamp_of)
-        if after in (0, len(known)):
-            return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
-        first, second = known[after - 1], known[after]
-        share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
-        nearest = first if share < 0.5 else second
-        around = known[max(after - NEAR, 0) : after + NEAR]
-        missed = error_between(
-            stamp_ns,
-            np.array([one.stamp_ns for one in around]),
-            np.array([one.chamber for one in around]),
-            nearest.std,
-        )
-        return replace(
-            nearest,
-            stamp_ns=stamp_ns,
-            gauge=first.gauge + share * (second.gauge - first.gauge),
-            chamber=first.chamber + share * (second.chamber - first.chamber),
-            std=math.hypot(nearest.std, missed),
-            missed=missed,
-            turn_rate=first.turn_rate + share * (second.turn_rate - first.turn_rate),
-        )
+        return pressure_at(known, stamp_ns) if known else self.model.unread_at(stamp_ns)
 
     def wrench_at(
         self, state: FusionState, stamp_ns: int, *, with_targets: bool
@@ -544,7 +536,7 @@ class Fusion:
         state = self.weigh_pending(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
-        shown_ns = self.model.shown_ns(sightings)
+        shown_ns = self.shown_ns(state, sightings)
         unknowns = self.model.of(state.lasting).unknowns
         before = state.belief or first_belief(unknowns, shown_ns, state.lasting)
         if before.frames and shown_ns < before.stamp_ns:
@@ -575,7 +567,7 @@ class Fusion:
         self, state: FusionState, sightings: TargetSightings, instant: PressureInstant
     ) -> ReadFrame:
         """Return a frame with the sensor readings at the time when it was taken, an instant."""
-        shown_ns = self.model.shown_ns(sightings)
+        shown_ns = self.shown_ns(state, sightings)
         wrench = self.wrench_at(state, shown_ns, with_targets=True)
         turn = not state.counts.frames % STILL_FRAMES
         return ReadFrame(
@@ -589,8 +581,9 @@ class Fusion:
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_still=self.is_still(state) and turn,
             wrench=wrench,
-            before=state.pressures if self.model.swings else (),
-            pulls=state.force.kept if self.model.swings and wrench is not None else (),
+            before=state.pressures,
+            pulls=() if wrench is None or self.settings.free_tip else state.force.kept,
+            delay_ns=0 if state.belief is None else state.belief.delay_ns,
         )
 
     def is_still(self, state: FusionState) -> bool:

@@ -128,6 +128,7 @@ class FusionHealth(InputHealth):
             'pressure_bias_pa': None if last is None else last.pressure_bias,
             'pressure_bias_std_pa': None if last is None else last.pressure_bias_std,
             'force_sensor': None if sensor is None else sensor.words,
+            'frame_delay_s': state.frame_delay,
             **solve_values(None if last is None else last.estimate, state.readings.wrench),
             'solve_time_s': self._solve_time,
             'latency_p50_s': self.latency(50.0),

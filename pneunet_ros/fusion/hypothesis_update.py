@@ -234,6 +234,7 @@ def problem_of(
     """
     model = model.of(belief.causes)
     frame = model.used(frame, belief.causes)
+    frame = frame.delayed(belief.delay_ns, model.delay_std(belief))
     instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
     inputs = model.inputs_at(instant, frame.wrench)
     pressure_change = abs(instant.chamber - belief.chamber)

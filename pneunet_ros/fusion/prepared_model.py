@@ -24,6 +24,7 @@ from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.motion import Motion
 from pneunet_ros.measurement.blocks.pressure_error import PressureError
+from pneunet_ros.measurement.blocks.timing import Timing
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.errors.noise_jacobian import noise_jacobian
@@ -89,7 +90,10 @@ class PreparedModel:
         object.__setattr__(self, 'places', places)
         object.__setattr__(self, 'of_stations', which[: stations.size])
         object.__setattr__(self, 'of_targets', which[stations.size :])
-        unknowns = self.given or unknowns_of(self.arm, free_tip=self.settings.free_tip)
+        settings = self.settings
+        unknowns = self.given or unknowns_of(
+            self.arm, free_tip=settings.free_tip, delay_std=settings.delay_std
+        )
         table = PerturbationTable(arm=self.arm, further=unknowns.law_errors)
         object.__setattr__(self, 'table', table)
         object.__setattr__(self, 'unknowns', unknowns)
@@ -175,6 +179,7 @@ class PreparedModel:
             by_column=by_column,
             lag_offsets=np.array(instant.memory) - instant.chamber,
             gravity=instant.gravity,
+            pressure_rate=instant.rate,
         )
 
     def by_columns(self, reading: Load) -> Array:
@@ -313,6 +318,17 @@ class PreparedModel:
     def shown_ns(self, sightings: TargetSightings) -> int:
         """Return the time (ns) at which a frame was taken: its stamp minus the camera delay."""
         return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)
+
+    def delay_std(self, belief: Belief) -> float:
+        """Return one sigma (s) of the delay of frames; 0 if it is kept."""
+        if not self.settings.delay_std or self.swinging is not None:
+            return 0.0
+        return belief.std(self.unknowns.at(Timing).start)
+
+    def certain_delay(self, belief: Belief) -> float:
+        """Return what of the delay (s) of frames is certain: all but one sigma."""
+        delay = belief.delay_ns / NANOSECONDS_PER_SECOND
+        return math.copysign(max(abs(delay) - self.delay_std(belief), 0.0), delay)
 
     def held_contact(self, belief: Belief) -> PartLoad | None:
         """Return the estimated contact as a load on the arm; None if the belief has none."""

@@ -10,8 +10,13 @@ from typing import TypeVar
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_since
 from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.measurement.between_readings import error_between
+from pneunet_ros.measurement.blocks.timing import Timing
 from pneunet_ros.measurement.swinging_arm import EquilibriumBetween
+
+NEAR = 3  # readings on either side for the course of the pressure between two
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +26,8 @@ class PressureInstant:
     memory: internal pressures (Pa) of lags and of a play; step (Pa): smallest change between
     successive readings so far, see `rounding_error`; missed (Pa): interpolation error between two
     readings, included in std. gravity: along x and y, in g; None: as in the model. turn_rate
-    (rad/s) of the base; NaN: unknown.
+    (rad/s) of the base; NaN: unknown. rate (Pa/s): change of the pressure in time, known for a
+    frame only.
     """
 
     stamp_ns: int
@@ -34,6 +40,7 @@ class PressureInstant:
     missed: float = 0.0
     gravity: tuple[float, float] | None = None
     turn_rate: float = math.nan
+    rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,7 +78,8 @@ class ReadFrame:
 
     alone: whether no pressure is known at that time; pressure_still: whether the last pressure
     readings are bit-identical and this frame is due for a test; wrench: None if none is near.
-    before, pulls: readings of pressure and force around the frame, for a swinging arm.
+    before, pulls: readings of pressure and force around the frame; delay_ns: how much later than
+    its stamp it shows the arm, beyond the delay of the model: part of stamp_ns.
     """
 
     stamp_ns: int
@@ -82,6 +90,7 @@ class ReadFrame:
     wrench: NearWrench | None
     before: tuple[PressureInstant, ...] = ()
     pulls: tuple[WrenchReading, ...] = ()
+    delay_ns: int = 0
 
     def without_wrench(self) -> ReadFrame:
         """Return the frame without the force reading."""
@@ -94,6 +103,28 @@ class ReadFrame:
     def mirrored(self) -> ReadFrame:
         """Return the frame with its targets on the other side of the clamp's tangent."""
         return replace(self, sightings=replace(self.sightings, y=-self.sightings.y))
+
+    def delayed(self, delay_ns: int, within: float) -> ReadFrame:
+        """Return the frame with the readings at another delay, and the rate of its pressure.
+
+        within (s): one sigma of the delay; 0: no rate is needed.
+        """
+        if delay_ns == self.delay_ns and not within:
+            return self
+        stamp_ns = self.stamp_ns + delay_ns - self.delay_ns
+        instant, wrench = replace(self.instant, stamp_ns=stamp_ns), self.wrench
+        if not self.alone and self.before:
+            read = pressure_at(self.before, stamp_ns)
+            rate = rate_around(self.before, stamp_ns, max(within, Timing.WINDOW))
+            instant = replace(
+                read, gravity=instant.gravity, turn_rate=instant.turn_rate, rate=rate
+            )
+        if wrench is not None:
+            reading = nearest_to(self.pulls or (wrench.reading,), stamp_ns)
+            wrench = replace(
+                wrench, reading=reading, age=seconds_since(reading.stamp_ns, stamp_ns)
+            )
+        return replace(self, stamp_ns=stamp_ns, instant=instant, wrench=wrench, delay_ns=delay_ns)
 
     def without_pressure(self, instant: PressureInstant) -> ReadFrame:
         """Return the frame without the pressure reading; instant: replaces it."""
@@ -112,6 +143,55 @@ def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tupl
     """Return readings in order of their stamps with a new one, after which there is none."""
     earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
     return (*known[max(earlier + 1 - most, 0) : earlier], reading)
+
+
+def pressure_at(known: tuple[PressureInstant, ...], stamp_ns: int) -> PressureInstant:
+    """Return the pressure at a stamp, interpolated or from the nearest of some readings."""
+    after = bisect_left(known, stamp_ns, key=stamp_of)
+    if after in (0, len(known)):
+        return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
+    first, second = known[after - 1], known[after]
+    share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
+    nearest = first if share < 0.5 else second
+    around = known[max(after - NEAR, 0) : after + NEAR]
+    missed = error_between(
+        stamp_ns,
+        np.array([one.stamp_ns for one in around]),
+        np.array([one.chamber for one in around]),
+        nearest.std,
+    )
+    return replace(
+        nearest,
+        stamp_ns=stamp_ns,
+        gauge=first.gauge + share * (second.gauge - first.gauge),
+        chamber=first.chamber + share * (second.chamber - first.chamber),
+        std=math.hypot(nearest.std, missed),
+        missed=missed,
+        turn_rate=first.turn_rate + share * (second.turn_rate - first.turn_rate),
+    )
+
+
+def rate_around(known: tuple[PressureInstant, ...], stamp_ns: int, within: float) -> float:
+    """Return the mean rate (Pa/s) of the pressure within some s of a stamp.
+
+    It is less by what noise adds to its square: a noise has no course. Source: James and Stein,
+    Proc. 4th Berkeley Symp. (1961), positive part.
+    """
+    within_ns = round(within * NANOSECONDS_PER_SECOND)
+    first = bisect_left(known, stamp_ns - within_ns, key=stamp_of)
+    last = bisect_left(known, stamp_ns + within_ns, key=stamp_of)
+    near = known[max(first - 1, 0) : last + 1]
+    if len(near) < 2:
+        return 0.0
+    times = np.array([seconds_since(stamp_ns, one.stamp_ns) for one in near])
+    chambers = np.array([one.chamber for one in near])
+    times -= times.mean()
+    rate, length = float(times @ chambers), float(times @ times)
+    rate /= length
+    residual = chambers - chambers.mean() - rate * times
+    noise = float(residual @ residual) / max(len(near) - 2, 1)
+    variance = max(noise, near[-1].std ** 2) / length
+    return rate - variance / rate if rate**2 > variance else 0.0
 
 
 def path_of(

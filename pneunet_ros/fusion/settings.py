@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pneunet_ros.core.settings import setting, tuning
+from pneunet_ros.core.settings import check_settings, setting, tuning
 from pneunet_ros.core.units import quantity
 
 
@@ -68,6 +68,13 @@ class FusionSettings:
         meaning='standard deviation of the tip above which no prediction is published',
         bounds=(1e-5, 1.0),
     )
+    delay_std: float = quantity(
+        0.0,
+        unit='s',
+        meaning='std of the time between frames and pressure, beyond the delay of the model; 0: '
+        'both are stamped by one clock',
+        bounds=(0.0, 10.0),
+    )
     free_tip: bool = setting(False, 'no load ever acts at the tip: no force sensor is needed')
     odds_against: float = tuning(
         5.0,
@@ -95,6 +102,10 @@ class FusionSettings:
         unit='of the force scale',
         source='sweep',
     )
+
+    def __post_init__(self) -> None:
+        """Reject values outside their declared range."""
+        check_settings(self)
 
 
 FUSION = FusionSettings()

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief, LASTING, PRESSURE
 from pneunet_ros.fusion.frame_update import ColdSearch, Fit
@@ -154,6 +154,13 @@ class FusionState:
         """Causes that all likely hypotheses share; the lasting ones if none is likely."""
         likely = [one.belief.causes for one in self.bank if one.is_about_as_likely]
         return frozenset.intersection(*likely) if likely else self.lasting
+
+    @property
+    def frame_delay(self) -> float | None:
+        """Delay (s) of the last frame behind its stamp, by the pressure; None if it is none."""
+        if self.belief is None or not self.belief.delay_ns:
+            return None
+        return self.belief.delay_ns / NANOSECONDS_PER_SECOND
 
     @property
     def unpressed(self) -> bool:

@@ -18,6 +18,7 @@ from pneunet_ros.measurement.blocks.pressure_error import PressureError
 from pneunet_ros.measurement.blocks.reading_noise import ReadingNoise
 from pneunet_ros.measurement.blocks.target_row import TargetRow
 from pneunet_ros.measurement.blocks.tilt import Tilt
+from pneunet_ros.measurement.blocks.timing import Timing
 from pneunet_ros.measurement.blocks.tip_force import TipForce
 from pneunet_ros.measurement.blocks.unknowns import Unknowns
 from pneunet_ros.measurement.moving_arm import MovingArm
@@ -29,18 +30,20 @@ START = 0.1  # initial swing of the tip over the length: convention
 STIFFNESS_SHARE = 0.5  # relative error of the stiffness at a model error of size 1; invented
 
 
-def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
+def unknowns_of(arm: Arm, *, free_tip: bool = False, delay_std: float = 0.0) -> Unknowns:
     """Return the unknowns of an arm; the force scale is the largest force of its calibration.
 
-    free_tip: whether the tip is free, so that no force sensor is used.
+    free_tip: whether the tip is free, so that no force sensor is used; delay_std (s): one sigma of
+    the time between frames and pressure.
     """
     noise, known = arm.sensors, arm.covariance
     placed = None if known is None else known.placement
     scale = arm.force_scale
     low, high = pressure_span(arm)
+    pressure, swings = PressureError(range=high - low), arm.inertia is not None
     return Unknowns.of(
-        TipForce(scale=scale, swings=arm.inertia is not None),
-        PressureError(range=high - low),
+        TipForce(scale=scale, swings=swings),
+        pressure,
         Camera(
             drift_std=noise.drift_std,
             place_std=noise.registration_std,
@@ -66,8 +69,14 @@ def unknowns_of(arm: Arm, *, free_tip: bool = False) -> Unknowns:
         Push(scale=scale, length=arm.length),
         Tilt(),
         ReadingNoise(),
+        *timing_of(delay_std, pressure.correlation_time, swings=swings),
         *motion_of(arm),
     )
+
+
+def timing_of(delay_std: float, time: float, *, swings: bool) -> tuple[Timing, ...]:
+    """Return the block of a camera that is not of the same time as the pressure."""
+    return (Timing(delay_std=delay_std, time=time, swings=swings),) if delay_std else ()
 
 
 def motion_of(arm: Arm) -> tuple[Motion, ...]:

@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 import numpy as np
-from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
@@ -32,7 +32,7 @@ from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.frame_update import FrameUpdate
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
-from pneunet_ros.fusion.settings import FUSION
+from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.fusion.weighing import led_without
 from pneunet_ros.lab.lab_arm import vary_arm
@@ -45,6 +45,7 @@ from pneunet_ros.measurement.blocks.force_sensor import ForceSensor
 from pneunet_ros.measurement.blocks.model_columns import ModelColumns
 from pneunet_ros.measurement.blocks.model_error import ModelDiscrepancy
 from pneunet_ros.measurement.blocks.placement import Placement
+from pneunet_ros.measurement.blocks.timing import Timing
 from pneunet_ros.measurement.errors.rounding_error import smallest_change, with_rounding
 from pneunet_ros.measurement.inference.bank import Hypothesis
 from pneunet_ros.model.domain import Domain
@@ -1155,3 +1156,64 @@ def test_the_side_of_an_arm_at_rest_is_not_left_to_noise(behind, leads):
         Hypothesis(belief=plain, log_weight=behind),
     )
     assert led_without(bank, HIDDEN_AT_REST)[0].belief.causes == leads
+
+
+def at_other_time(frame: int, seen: TargetSightings, late: float) -> TargetSightings:
+    """Return a frame with the stamp of a camera whose clock is so many s ahead."""
+    return replace(seen, stamp_ns=seen.stamp_ns + round(1e9 * late))
+
+
+def with_delay_std(delay_std: float) -> Fusion:
+    """Return the fusion of a camera whose time is known to so many s only."""
+    known = calibrated()
+    return replace(known, settings=replace(known.settings, delay_std=delay_std))
+
+
+@pytest.mark.parametrize('late', [0.15, -0.3])
+def test_the_time_between_camera_and_pressure_is_found(late):
+    """Not named: it is an unknown with a prior, and the stated errors include it."""
+    found = fuse(with_delay_std(1.0 / 30.0), change=partial(at_other_time, late=late))
+    assert found.state.frame_delay == pytest.approx(-late, abs=0.1)
+    assert not found.state.causes
+    assert found.tip_covered() > 0.9
+    blind = fuse(calibrated(), change=partial(at_other_time, late=late))
+    assert blind.state.frame_delay is None
+    assert PRESSURE in blind.state.causes or blind.tip_covered() < 0.8
+
+
+def test_a_camera_of_the_same_time_is_found_to_be_so():
+    found = fuse(with_delay_std(1.0 / 30.0))
+    assert abs(found.state.frame_delay) < 1.0 / 30.0
+    assert not found.state.causes
+    assert found.tip_covered() > 0.9
+    assert found.force_covered() > 0.9
+
+
+def test_without_delay_std_there_is_no_such_unknown():
+    assert Timing not in calibrated().model.unknowns.places
+    assert Timing in with_delay_std(0.03).model.unknowns.places
+    swings = with_delay_std(0.03).model.moving.unknowns  # its time is kept
+    assert not swings.std[swings.at(Timing)].any()
+
+
+def test_a_frame_with_a_late_instant_waits_for_its_pressure():
+    """A film that has lost frames shows later instants than its stamps k / fps say."""
+    known = with_delay_std(1.0 / 30.0)
+    state = known.settle(fuse(known, frames=range(100)).state)
+    late = replace(state.bank[0].belief, delay_ns=300_000_000)
+    state = replace(state, bank=(replace(state.bank[0], belief=late),))
+    state, outcome = known.step(state, sightings(100))
+    assert outcome is None
+    for frame in range(100, 103):
+        state, _ = known.step(state, pressure(frame))
+    assert sightings(100).stamp_ns in [one.stamp_ns for one in state.waiting]
+    for frame in range(103, 106):
+        state, outcome = known.step(state, pressure(frame))
+    assert not state.waiting
+    assert isinstance(outcome, FusedEstimate)
+
+
+@pytest.mark.parametrize('wrong', [-0.01, 11.0, np.nan])
+def test_a_delay_that_is_none_is_refused(wrong):
+    with pytest.raises(RequestError, match='delay_std'):
+        FusionSettings(delay_std=wrong)

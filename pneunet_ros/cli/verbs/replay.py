@@ -51,6 +51,14 @@ def options(parser: ArgumentParser) -> None:
         action='store_true',
         help='with --fuse: no load acts at the tip; estimate contacts along the arm instead',
     )
+    parser.add_argument(
+        '--delay-std',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='with --fuse: std of the time between frames and pressure (s), if they are not '
+        'stamped by one clock or a film has lost frames: 0.03 is one frame (default: 0, none)',
+    )
     verb.add_overwrite(parser)
     verb.add_topics(parser)
     verb.add_settings(parser)
@@ -79,6 +87,8 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.free_tip:
         raise RequestError('--free-tip needs --fuse', reason='exclusive')
+    if arguments.delay_std:
+        raise RequestError('--delay-std needs --fuse', reason='exclusive')
     return run_estimator(arguments)
 
 

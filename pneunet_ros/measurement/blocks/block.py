@@ -44,7 +44,8 @@ class FrameInputs:
     effects; moment, moment_std (N m): at the tip; by_column (columns,): change of the pressure by
     one sigma of each column of the law, through sensing effects; lag_offsets (memory,) Pa:
     deviation of the lagging pressures, and of the one behind a play, from the chamber pressure;
-    gravity: along x and y, in g; None: as in the model.
+    gravity: along x and y, in g; None: as in the model; pressure_rate (Pa/s): how fast the
+    pressure changes there, 0 at a reading of the pressure itself.
     """
 
     chamber: float
@@ -55,6 +56,7 @@ class FrameInputs:
     by_column: Array
     lag_offsets: Array
     gravity: tuple[float, float] | None = None
+    pressure_rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

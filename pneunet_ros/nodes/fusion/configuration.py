@@ -34,6 +34,13 @@ class NodeSettings:
         FUSION.free_tip,
         ('no load ever acts at the tip: ignore end_wrench and estimate contacts along the arm'),
     )
+    delay_std: float = quantity(
+        FUSION.delay_std,
+        unit='s',
+        meaning='std of the time between frames and pressure, beyond the delay of the model, of '
+        'another clock or lost frames: 0.03 is one frame; 0: none',
+        bounds=(0.0, 10.0),
+    )
     centerline_rate: float = quantity(
         30.0,
         unit='Hz',
@@ -70,6 +77,7 @@ class NodeSettings:
         return replace(
             FUSION,
             free_tip=self.free_tip,
+            delay_std=self.delay_std,
             target_timeout=self.target_timeout,
             largest_tip_std=self.largest_tip_std,
             determined=self.determined,
@@ -79,7 +87,15 @@ class NodeSettings:
 PARAMETERS = ParameterTable(
     owners=(NodeSettings, EstimatorSettings),
     read_only=frozenset(
-        {'effects_path', 'frame_id', 'free_tip', 'gravity_frame', 'stations', 'use_wrench'}
+        {
+            'delay_std',
+            'effects_path',
+            'frame_id',
+            'free_tip',
+            'gravity_frame',
+            'stations',
+            'use_wrench',
+        }
     ),
     # A wrench is used if there is a fresh one, and targets are always required.
     left_out=frozenset({'wrench_required', 'watch_targets', 'watch_time'}),
