@@ -12,11 +12,11 @@ import itertools
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.investigation import Investigation, UnsettledInvestigation
+from pneunet_ros.diagnosis.settings import BASE_FIT
 from pneunet_ros.exploration.experiment_design import Experiment, informations
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.rivals import NOTHING, rival_candidates, size_moments, trial_to_extend
 from pneunet_ros.exploration.safe_set import SafeSet
-from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,10 +47,9 @@ def next_choice(
     rivals: Mapping[str, float],
     safe: SafeSet,
     recorded: Sequence[Experiment],
-    settings: ExplorationSettings = EXPLORATION,
 ) -> Choice:
     """Return the experiment of the largest expected divergence per second."""
-    ranked = ranked_choices(investigation, rivals, safe, settings)
+    ranked = ranked_choices(investigation, rivals, safe)
     if ranked:
         return ranked[0]
     return choice_in_order(safe, recorded)  # undecided: those not yet recorded may help
@@ -76,7 +75,6 @@ def ranked_choices(
     investigation: Investigation | UnsettledInvestigation,
     rivals: Mapping[str, float],
     safe: SafeSet,
-    settings: ExplorationSettings = EXPLORATION,
 ) -> list[Choice]:
     """Return all experiments with their values, best first."""
     if isinstance(investigation, UnsettledInvestigation):
@@ -86,7 +84,7 @@ def ranked_choices(
     candidates = rival_candidates(investigation.selection, trial)
     span = safe.low, safe.high
     limited = [safe.within(item) for item in items]
-    tried = informations(trial.refit, limited, candidates, span, safe.force, settings.frames)
+    tried = informations(trial.refit, limited, candidates, span, safe.force, BASE_FIT.first_frames)
     if tried is None:
         return []
     known, after = tried

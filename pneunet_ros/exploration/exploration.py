@@ -118,7 +118,7 @@ def explore(
         if in_order:
             choice = choice_in_order(safe, recorded)
         else:
-            choice = next_choice(investigation, rivals, safe, recorded, settings)
+            choice = next_choice(investigation, rivals, safe, recorded)
 
 
 def rms_of_last(arm: Arm, runs: Sequence[RecordingData]) -> float:

@@ -17,8 +17,6 @@ class ExplorationSettings:
     stays: int = tuning(
         2, 'number of rounds with the same name that confirm it', source='invented'
     )
-    frames: int = tuning(30, 'number of frames of a simulated experiment', source='invented')
-    between: float = tuning(2.0, 'pause between recordings', unit='s', source='invented')
 
 
 EXPLORATION = ExplorationSettings()

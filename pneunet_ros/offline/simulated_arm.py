@@ -11,7 +11,6 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import quantities
 from pneunet_ros.exploration.experiment_design import Experiment
 from pneunet_ros.exploration.safe_set import SafeSet
-from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_recording import LabMemory
 from pneunet_ros.lab.motion import LabMotion
@@ -24,6 +23,7 @@ from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.recordings.lab_files import write_lab
 
+PAUSE = 2.0  # s, from one simulated recording to the next
 PLACES, DEGREE = 201, 12  # stations of the curvature of a model, and degree of the polynomials
 
 
@@ -32,14 +32,13 @@ class SimulatedArm:
     """The simulated arm of a scenario, with its history; the protocol is not used."""
 
     scenario: Scenario
-    settings: ExplorationSettings = EXPLORATION
     memory: LabMemory | None = None
 
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
         """Write the recording of an experiment, and its truth."""
         start = self.scenario.start
         if self.memory is not None:
-            start = self.memory.time + self.settings.between
+            start = self.memory.time + PAUSE
         scenario = replace(
             self.scenario, name=path.stem, start=start, protocol=corners_of(experiment, safe)
         )

@@ -19,6 +19,7 @@ LARGEST_STEP, SETTLED = 0.6, 0.02
 DESCENT_ITERATIONS, DESCENT_HALVINGS = 60, 12
 # Largest number of Newton steps on one mesh: convergence is quadratic, or fails.
 NEWTON_ITERATIONS = 25
+DETAIL_DEGREE = 5  # of the Legendre term that measures the detail, see `resolution`
 MOST_PANELS = 400  # of a mesh: ends the halving of panels where rounding prevents convergence
 TURNED = 1e-10  # rad, between a push and the normal of the arm: as exact as ACCEPTED
 FRAME_ITERATIONS = 12  # largest number of Newton steps from a neighbor, before a new start
@@ -48,12 +49,8 @@ class SolverSettings:
         unit='of the length',
         source='sweep: halved and doubled: no figure by more than 3e-8',
     )
-    coarser: float = tuning(
-        32.0,
-        'smallest ratio of the detail on half as many panels',
-        unit='detail',
-        source='invented',
-    )
+    # The smallest ratio of the detail on half as many panels, by its degree.
+    coarser: float = 2.0**DETAIL_DEGREE
 
 
 SOLVER = SolverSettings()

@@ -46,9 +46,6 @@ class ModelDiscrepancy(SizedBlock):
     size_fall: float = tuning(
         1.5, 'exponent of the prior over sizes: larger errors are less likely', source='sweep'
     )
-    size_time: float = tuning(
-        60.0, 'forgetting time of frames in the estimate of its size', unit='s', source='invented'
-    )
     lag_times: tuple[float, ...] = tuning(
         (4.0, 40.0),
         'time constants of the delayed part of the curvature',
@@ -66,14 +63,18 @@ class ModelDiscrepancy(SizedBlock):
     )
     play_share: float = tuning(0.5, 'std of the share of that play', source='sweep')
     memory_time: float = tuning(
-        200.0, 'correlation time of the delayed part and of the play', unit='s', source='sweep'
+        200.0,
+        'correlation time of the delayed part and of the play; forgetting time of frames in the '
+        'estimate of the size',
+        unit='s',
+        source='sweep',
     )
 
     grid: SizeGrid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Set up the grid of sizes."""
-        grid = SizeGrid(sizes=self.sizes, fall=self.size_fall, time=self.size_time)
+        grid = SizeGrid(sizes=self.sizes, fall=self.size_fall, time=self.memory_time)
         object.__setattr__(self, 'grid', grid)
 
     @property
