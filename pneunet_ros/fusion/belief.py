@@ -107,7 +107,7 @@ def reset_to_prior(unknowns: Unknowns, belief: Belief) -> Belief:
     Causes that only widen a prior end with it.
     """
     causes, force = belief.causes & LASTING, unknowns.at(TipForce)
-    first = first_belief(unknowns, belief.stamp_ns, causes)
+    first = first_belief(unknowns, belief.stamp_ns - belief.delay_ns, causes)
     mean = first.mean.copy()
     mean[force] = belief.mean[force]
     return replace(

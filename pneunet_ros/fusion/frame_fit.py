@@ -516,7 +516,8 @@ class FrameProblem:
 
         One frame shows no delay beyond the time for which its rate of the pressure is known.
         """
-        if not self.settings.delay_std or self.swinging is not None:
+        alone = self.growth is None
+        if alone or self.swinging is not None or Timing not in self.unknowns.places:
             return belief
         where, rate = self.unknowns.at(Timing).start, self.inputs.pressure_rate
         most = max(self.prior.std(where), Timing.WINDOW)

@@ -192,17 +192,12 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        ready_ns = partial(self.ready_ns, state)
-        ready = [item for item in state.waiting if ready_ns(item) <= instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
             pressures=followed_by(state.pressures, instant, PRESSURES_KEPT),
-            waiting=tuple(item for item in state.waiting if ready_ns(item) > instant.stamp_ns),
         )
-        for sightings in ready:
-            state = self.use_frame(state, sightings)
-        state = self.with_pressure(state)
+        state = self.with_pressure(self.use_waiting(state))
         if PRESSURE in state.causes:
             return self.refuse_pressure(state, reading)
         belief = state.belief
@@ -225,6 +220,23 @@ class Fusion:
             state = state.count_rejected(outcome.reason)
             outcome = replace(outcome, sentence='; '.join([outcome.sentence, *clock_notes]))
         return state, outcome
+
+    def use_waiting(self, state: FusionState) -> FusionState:
+        """Use the frames that wait and whose pressure has arrived, one after the other.
+
+        Each of them may change the delay that is known, and so whether the next one is ready; or
+        the pressure is not used any more.
+        """
+        while state.waiting:
+            state = self.weigh_pending(state)
+            last_ns = state.pressures[-1].stamp_ns if state.pressures else -math.inf
+            ready_ns = partial(self.ready_ns, state)
+            ready = next((one for one in state.waiting if ready_ns(one) <= last_ns), None)
+            if ready is None:
+                break
+            waiting = tuple(one for one in state.waiting if one is not ready)
+            state = self.use_frame(replace(state, waiting=waiting), ready)
+        return state
 
     def is_ahead_of_pressure(self, state: FusionState, belief: Belief) -> bool:
         """Whether no pressure reading has reached the last frame, so that it is unknown there."""
@@ -296,6 +308,8 @@ class Fusion:
             refusal = drop(stamp_ns, reason, sentence)
             return state.count_unused(reason), refusal
         state = replace(state, frame_stamps=state.frame_stamps.after(stamp_ns))
+        if state.pressures:
+            state = self.use_waiting(state)
         if state.pressures and self.ready_ns(state, sightings) <= state.pressures[-1].stamp_ns:
             return self.use_frame(state, sightings), None
         if state.pressures:
@@ -317,9 +331,8 @@ class Fusion:
         """Process a frame without a pressure reading, and estimate at the stamp of the frame."""
         waiting, state = state.waiting, replace(state, waiting=())
         for earlier in (*waiting, sightings):
-            shown_ns = self.shown_ns(state, earlier)
             state = self.use_frame(state, earlier)
-        belief = state.belief
+        belief, shown_ns = state.belief, self.shown_ns(state, sightings)
         instant, unknown = self.instant_shown(state, shown_ns)
         if unknown is not None or belief is None or belief.stamp_ns != shown_ns:
             return state, unknown
@@ -330,7 +343,8 @@ class Fusion:
     ) -> tuple[PressureInstant, Refusal | None]:
         """Return pressure and gravity when a frame was taken, or why gravity is unknown."""
         instant = self.pressure_at(state, shown_ns)
-        gravity, unknown = self.gravity.at(state.readings.gravity, shown_ns)
+        stamped_ns = shown_ns - (0 if state.belief is None else state.belief.delay_ns)
+        gravity, unknown = self.gravity.at(state.readings.gravity, stamped_ns)
         after_all = not state.pressures or shown_ns > state.pressures[-1].stamp_ns
         if after_all or instant.gravity is None:  # gravity turns without a pressure too
             turn_rate = self.gravity.turn_rate_at(state.readings.gravity, shown_ns)
@@ -346,10 +360,11 @@ class Fusion:
         """Return the stamp (ns) up to which a frame needs the pressure.
 
         If it is certain to show the arm later than its stamp, it may also be one sigma later.
+        Otherwise it does not wait.
         """
         shown_ns, belief = self.shown_ns(state, sightings), state.belief
         if belief is None or self.model.certain_delay(belief) <= 0.0:
-            return shown_ns
+            return min(shown_ns, self.model.shown_ns(sightings))
         return shown_ns + round(self.model.delay_std(belief) * NANOSECONDS_PER_SECOND)
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
@@ -575,7 +590,7 @@ class Fusion:
             sightings=sightings,
             instant=instant,
             alone=not state.pressures
-            or state.pressures[-1].stamp_ns < shown_ns  # no pressure arrived in time
+            or state.pressures[-1].stamp_ns < self.ready_ns(state, sightings)  # none in time
             # Earlier readings are no longer kept, so the pressure of then is unknown.
             or (len(state.pressures) == PRESSURES_KEPT and shown_ns < state.pressures[0].stamp_ns)
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),

@@ -321,7 +321,7 @@ class PreparedModel:
 
     def delay_std(self, belief: Belief) -> float:
         """Return one sigma (s) of the delay of frames; 0 if it is kept."""
-        if not self.settings.delay_std or self.swinging is not None:
+        if self.swinging is not None or Timing not in self.unknowns.places:
             return 0.0
         return belief.std(self.unknowns.at(Timing).start)
 

@@ -115,12 +115,14 @@ class ReadFrame:
         instant, wrench = replace(self.instant, stamp_ns=stamp_ns), self.wrench
         if not self.alone and self.before:
             read = pressure_at(self.before, stamp_ns)
-            rate = rate_around(self.before, stamp_ns, max(within, Timing.WINDOW))
+            rate = 0.0
+            if within:
+                rate = rate_around(self.before, stamp_ns, max(within, Timing.WINDOW))
             instant = replace(
                 read, gravity=instant.gravity, turn_rate=instant.turn_rate, rate=rate
             )
-        if wrench is not None:
-            reading = nearest_to(self.pulls or (wrench.reading,), stamp_ns)
+        if wrench is not None and self.pulls:
+            reading = nearest_to(self.pulls, stamp_ns)
             wrench = replace(
                 wrench, reading=reading, age=seconds_since(reading.stamp_ns, stamp_ns)
             )
@@ -174,8 +176,7 @@ def pressure_at(known: tuple[PressureInstant, ...], stamp_ns: int) -> PressureIn
 def rate_around(known: tuple[PressureInstant, ...], stamp_ns: int, within: float) -> float:
     """Return the mean rate (Pa/s) of the pressure within some s of a stamp.
 
-    It is less by what noise adds to its square: a noise has no course. Source: James and Stein,
-    Proc. 4th Berkeley Symp. (1961), positive part.
+    It is multiplied by the share of its square that noise does not explain: noise has no course.
     """
     within_ns = round(within * NANOSECONDS_PER_SECOND)
     first = bisect_left(known, stamp_ns - within_ns, key=stamp_of)

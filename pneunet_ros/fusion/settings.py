@@ -71,9 +71,9 @@ class FusionSettings:
     delay_std: float = quantity(
         0.0,
         unit='s',
-        meaning='std of the time between frames and pressure, beyond the delay of the model; 0: '
-        'both are stamped by one clock',
-        bounds=(0.0, 10.0),
+        meaning='std of the time between frames and pressure, beyond the delay of the model, for '
+        'one without motion; 0: both are stamped by one clock',
+        bounds=(0.0, 1.0),
     )
     free_tip: bool = setting(False, 'no load ever acts at the tip: no force sensor is needed')
     odds_against: float = tuning(

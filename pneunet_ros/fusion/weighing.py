@@ -256,7 +256,7 @@ def smoothness_of_loads(
     as with a swing, and the targets test the reading, which a swing only follows. All hypotheses
     of an arm at rest gain this. evidence: that of `evidence_comparable_with_swings`.
     """
-    if not swings or not is_at_rest(updated) or updated.misfits:
+    if not swings or not is_at_rest(updated) or updated.misfits or not math.isfinite(evidence):
         return 0.0
     if model.used(updated.frame, updated.before.causes).wrench is None:
         return 0.0

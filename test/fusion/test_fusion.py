@@ -34,7 +34,7 @@ from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.hypothesis_update import HypothesisUpdate
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.fusion.weighing import led_without
+from pneunet_ros.fusion.weighing import led_without, smoothness_of_loads
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabGravity, LabHysteresis
 from pneunet_ros.lab.lab_recording import LabRecording
@@ -1213,7 +1213,30 @@ def test_a_frame_with_a_late_instant_waits_for_its_pressure():
     assert isinstance(outcome, FusedEstimate)
 
 
-@pytest.mark.parametrize('wrong', [-0.01, 11.0, np.nan])
+@pytest.mark.parametrize('wrong', [-0.01, 1.1, np.nan])
 def test_a_delay_that_is_none_is_refused(wrong):
     with pytest.raises(RequestError, match='delay_std'):
         FusionSettings(delay_std=wrong)
+
+
+def test_frames_without_pressure_are_estimated_at_their_stamps_whatever_the_delay():
+    """A frame that no pressure belongs to tells nothing of the time between both."""
+    found = fuse(with_delay_std(1.0 / 30.0), pressures=lambda frame: not 100 <= frame < 130)
+    modes = [one.mode for one in found.estimates]
+    assert modes.count(Mode.CAMERA_ONLY) > 20
+
+
+def test_a_frame_that_is_not_certain_to_be_late_does_not_wait():
+    known = with_delay_std(1.0 / 30.0)
+    found = fuse(known)
+    assert len(found.estimates) == 200
+    assert found.state.counts.frames == 200
+    assert rms(found.tip_error) < 2e-3  # 0.03 mm if both are known to be of one time
+
+
+def test_a_hypothesis_that_did_not_use_a_frame_gains_nothing_from_smooth_loads():
+    """Or its weight is infinite, and no hypothesis is left."""
+    state = fuse(fusion(), with_wrench=True, frames=range(30)).state
+    updated = state.pending.updated
+    unused = replace(updated, update=replace(updated.update, belief=None))
+    assert smoothness_of_loads(fusion().model, unused, -math.inf, [updated]) == 0.0

@@ -57,7 +57,8 @@ def options(parser: ArgumentParser) -> None:
         default=0.0,
         metavar='S',
         help='with --fuse: std of the time between frames and pressure (s), if they are not '
-        'stamped by one clock or a film has lost frames: 0.03 is one frame (default: 0, none)',
+        'stamped by one clock or a film has lost frames: 0.03 is one frame; for a model without '
+        'motion (default: 0, none)',
     )
     verb.add_overwrite(parser)
     verb.add_topics(parser)

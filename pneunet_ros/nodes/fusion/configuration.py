@@ -38,8 +38,8 @@ class NodeSettings:
         FUSION.delay_std,
         unit='s',
         meaning='std of the time between frames and pressure, beyond the delay of the model, of '
-        'another clock or lost frames: 0.03 is one frame; 0: none',
-        bounds=(0.0, 10.0),
+        'another clock or lost frames, for a model without motion: 0.03 is one frame; 0: none',
+        bounds=(0.0, 1.0),
     )
     centerline_rate: float = quantity(
         30.0,
