@@ -7,19 +7,32 @@ that begins in between lies to one side of the line.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
-from pneunet_ros.measurement.inference.adequacy import ADEQUACY
 
 NEVER = 1e-6  # fraction of the interval between two readings in which no value jumps
-# Sigma of a second difference that noise does not explain: two-sided.
-UNEXPLAINED = -NormalDist().inv_cdf(0.5 * ADEQUACY.outside)
 SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BetweenReadingsSettings:
+    """Criteria for changes between readings that interpolation misses."""
+
+    noise: float = tuning(
+        2.0,
+        'size of a second difference that noise does not explain',
+        unit='sigma',
+        source='invented',
+    )
+
+
+BETWEEN_READINGS = BetweenReadingsSettings()
 
 
 def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
@@ -67,7 +80,11 @@ def frames_sharing(shown: Stamps, stamp_ns: Stamps) -> Array:
 
 
 def interpolation_error(
-    shown: Stamps, stamp_ns: Stamps, values: Array, noise: npt.ArrayLike
+    shown: Stamps,
+    stamp_ns: Stamps,
+    values: Array,
+    noise: npt.ArrayLike,
+    settings: BetweenReadingsSettings = BETWEEN_READINGS,
 ) -> Array:
     """Return one sigma of the error of linear interpolation between readings, (shown, ...).
 
@@ -94,7 +111,7 @@ def interpolation_error(
     bends[1:-1] = np.diff(slopes, axis=0)
     length = intervals[before]
     earlier, first, second, later = bent = bends[before + np.arange(4)[:, None]] * length
-    least = np.ravel(np.square(UNEXPLAINED * SIGMA_OF_SECOND * np.asarray(noise)))
+    least = np.ravel(np.square(settings.noise * SIGMA_OF_SECOND * np.asarray(noise)))
     of_earlier, of_first, of_second, of_later = np.sqrt(np.maximum(bent**2 - least, 0.0))
     rest = 1.0 - fraction
     jumped = np.minimum(of_first, of_second) * np.sqrt(fraction * rest)

@@ -49,6 +49,11 @@ class PressureJudgeSettings(JudgeSettings):
         unit='decades',
         source='convention: from the last digit of a 20 bit converter to the full scale',
     )
+    another_arm: float = tuning(
+        1e-4,
+        'share of recordings of an arm with a very different range from that of the model',
+        source='convention: so small that the range counts',
+    )
     noise_spread: float = tuning(
         5.0,
         'one sigma of the ratio of the noise to that of the model',
@@ -470,7 +475,7 @@ def log_likelihood(
     span = max(expected.high, 0.0) - min(expected.low, 0.0)
     excess = max(high - max(expected.high, 0.0), min(expected.low, 0.0) - low, 0.0) / span
     leaves = JUDGE.uncommon * normal(excess / JUDGE.beyond)
-    inside = 1.0 if excess <= margin else leaves + JUDGE.rare
+    inside = 1.0 if excess <= margin else leaves + JUDGE.another_arm
     if (absolute and air == 0.0) or low < -FULL_VACUUM:
         return IMPOSSIBLE
     # Without any change of pressure the most distant reading is the one at rest, at any value.

@@ -48,7 +48,7 @@ class JudgeSettings:
     rare: float = tuning(
         0.001,
         'share of recordings with pressures of the sign opposite to the calibration, or with '
-        'loads of any size, or of an arm with a very different range from that of the model',
+        'loads of any size',
         source='convention: one of a thousand',
     )
     beyond: float = tuning(
