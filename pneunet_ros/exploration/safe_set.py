@@ -33,7 +33,7 @@ class SafeSet:
         if not (self.low <= self.high and self.force >= 0.0 and math.isfinite(self.force)):
             raise RequestError(
                 f'the safe set is {self.low:g} to {self.high:g} Pa with at most {self.force:g} '
-                'N: the second pressure must be larger, and the force 0 or more',
+                'N: the second pressure must not be smaller, and the force 0 or more',
                 reason='out_of_bounds',
             )
 

@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_since
 from pneunet_ros.effects.effect import History, Load
-from pneunet_ros.measurement.between_readings import error_between
+from pneunet_ros.measurement.between_readings import error_between, rate_of
 from pneunet_ros.measurement.blocks.timing import Timing
 from pneunet_ros.measurement.swinging_arm import EquilibriumBetween
 
@@ -174,25 +174,14 @@ def pressure_at(known: tuple[PressureInstant, ...], stamp_ns: int) -> PressureIn
 
 
 def rate_around(known: tuple[PressureInstant, ...], stamp_ns: int, within: float) -> float:
-    """Return the mean rate (Pa/s) of the pressure within some s of a stamp.
-
-    It is multiplied by the share of its square that noise does not explain: noise has no course.
-    """
+    """Return the mean rate (Pa/s) of the pressure within some s of a stamp, see `rate_of`."""
     within_ns = round(within * NANOSECONDS_PER_SECOND)
     first = bisect_left(known, stamp_ns - within_ns, key=stamp_of)
     last = bisect_left(known, stamp_ns + within_ns, key=stamp_of)
     near = known[max(first - 1, 0) : last + 1]
-    if len(near) < 2:
-        return 0.0
     times = np.array([seconds_since(stamp_ns, one.stamp_ns) for one in near])
     chambers = np.array([one.chamber for one in near])
-    times -= times.mean()
-    rate, length = float(times @ chambers), float(times @ times)
-    rate /= length
-    residual = chambers - chambers.mean() - rate * times
-    noise = float(residual @ residual) / max(len(near) - 2, 1)
-    variance = max(noise, near[-1].std ** 2) / length
-    return rate - variance / rate if rate**2 > variance else 0.0
+    return rate_of(times, chambers, near[-1].std) if near else 0.0
 
 
 def path_of(

@@ -141,6 +141,23 @@ def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
     return np.asarray(np.maximum(of_bent_course, np.sqrt((1.0 - shorter) / shorter)))
 
 
+def rate_of(times: Array, values: Array, noise: float) -> float:
+    """Return the rate of values (n,) at times (n,) s, of a line through them; 0 for fewer than 2.
+
+    It is multiplied by the share of its square that noise does not explain: noise has no course.
+    noise: white noise of a value; what the values scatter about the line, if that is more.
+    """
+    if len(times) < 2:
+        return 0.0
+    times = times - times.mean()
+    length = float(times @ times)
+    rate = float(times @ values) / length
+    residual = values - values.mean() - rate * times
+    scatter = float(residual @ residual) / max(len(times) - 2, 1)
+    variance = max(scatter, noise**2) / length
+    return rate - variance / rate if rate**2 > variance else 0.0
+
+
 def error_between(shown_ns: int, stamp_ns: Stamps, values: Array, noise: float) -> float:
     """Return a plausible bound of the interpolation error at one stamp, for values (stamps,).
 

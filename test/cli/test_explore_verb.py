@@ -118,6 +118,7 @@ def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatc
         (('--simulated', 'small.yaml', '--recordings', '0'), 'out_of_bounds'),
         (('--simulated', 'nothing'), 'not_found'),
         (('--simulated', 'small.yaml', '--pressure', '0', '1e6'), 'out_of_range'),
+        (('--simulated', 'small.yaml', '--pressure', '3e4', '3e4'), 'out_of_bounds'),
         (('--simulated', 'small.yaml', '--largest-force', '-1'), 'out_of_bounds'),
         (('--simulated', 'small.yaml', '--largest-force', '9'), 'out_of_range'),
         (('--by-hand', '--effect', 'creep.amplitude=0.1'), 'exclusive'),

@@ -227,6 +227,11 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
 
     known = SafeSet.of(model)
     low, high = arguments.pressure or (known.low, known.high)
+    if low == high and known.low < known.high:
+        raise RequestError(
+            f'--pressure {low:g} {high:g}: the second pressure must be larger',
+            reason='out_of_bounds',
+        )
     if low < known.low or high > known.high:
         raise RequestError(
             f'--pressure {low:g} {high:g}: the model is calibrated from {known.low:g} to '
