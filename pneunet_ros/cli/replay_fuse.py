@@ -104,8 +104,10 @@ def show(summary: dict[str, Any], tally: FusionTally, console: Console) -> None:
         )
         if last.force_sensor is not None:
             facts['force sensor'] = last.force_sensor.words
-        if summary['frame_delay_s'] is not None:
-            facts['last frame'] = f'{summary["frame_delay_s"]:+.3f} s after its stamp'
+        delay = summary['frame_delay_s']
+        if delay is not None:
+            side = 'after' if delay > 0.0 else 'before'
+            facts['last frame taken'] = f'{abs(delay):.3f} s {side} its stamp, by the pressure'
         if last.contact is not None and not last.contact.ambiguous:
             touch = last.contact
             facts['contact in it'] = (
