@@ -62,22 +62,11 @@ class PressureJudgeSettings(JudgeSettings):
             'by more'
         ),
     )
-    noise_decades: float = tuning(
-        4.0,
-        'limit beyond which noise is not evidence',
-        unit='decades',
-        source='convention: rounding',
-    )
     model_error: float = tuning(
         0.02,
         'error of a correct model',
         unit='of the length',
         source='convention: models of soft arms are rarely better in new conditions',
-    )
-    viable: float = tuning(
-        25.0,
-        'log odds below the best meaning at which targets are no longer compared',
-        source='convention: more than targets can add',
     )
 
 
@@ -318,12 +307,9 @@ def judge_pressure(
         meaning: log_sum(by_actuator(meaning)) for meaning in meanings(record, declared, expected)
     }
     if fit is not None:
-        least = max(weights.values()) - JUDGE.viable
-        viable = {one for one, weight in weights.items() if weight > least} | {declared}
-        for meaning in viable:
+        for meaning in weights:
             square, levels = fit(meaning)
             weights[meaning] -= 0.5 * levels * math.log(square + JUDGE.model_error**2)
-        weights = {one: weights[one] for one in viable}
     if len(weights) < 2:
         return None
     other, *rest = ranked(weights, declared)
@@ -503,5 +489,4 @@ def log_noise(noise: float, meaning: PressureConvention, expected: ExpectedPress
     if noise <= 0.0 or expected.std <= 0.0:
         return 0.0
     decades = abs(math.log10(noise * meaning.size / expected.std))
-    limited = min(decades, JUDGE.noise_decades)
-    return -0.5 * (limited / math.log10(JUDGE.noise_spread)) ** 2
+    return math.log(normal(decades / math.log10(JUDGE.noise_spread)) + JUDGE.rare)

@@ -47,8 +47,8 @@ class JudgeSettings:
     )
     rare: float = tuning(
         0.001,
-        'share of recordings with pressures of the sign opposite to the calibration, or with '
-        'loads of any size',
+        'share of recordings with pressures of the sign opposite to the calibration, with '
+        'pressure noise of any size, or with loads of any size',
         source='convention: one of a thousand',
     )
     beyond: float = tuning(
