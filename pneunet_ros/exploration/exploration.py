@@ -111,7 +111,7 @@ def explore(
         rounds.append(item)
         yield item
         before = item.diagnosis or before
-        if is_name_confirmed(rounds, settings.stays):
+        if is_name_confirmed(rounds):
             return
         on_progress('the next recording', 0, 0)
         recorded = [one.choice.experiment for one in rounds]
@@ -126,10 +126,10 @@ def rms_of_last(arm: Arm, runs: Sequence[RecordingData]) -> float:
     return score(arm, runs[-1], inputs_of(arm, runs)[-1]).rms
 
 
-def is_name_confirmed(rounds: Sequence[Round], stays: int = EXPLORATION.stays) -> bool:
-    """Whether the last name appeared in earlier rounds, so that a recording tested it."""
-    names = [named_effects(item.investigation) for item in rounds[-stays:]]
-    return len(names) == stays and bool(names[-1]) and len({*names}) == 1
+def is_name_confirmed(rounds: Sequence[Round]) -> bool:
+    """Whether the round before gave the same name, so that the last recording tested it."""
+    *_, before, last = [(), *(named_effects(item.investigation) for item in rounds)]
+    return bool(last) and last == before
 
 
 def is_clear(rounds: Sequence[Round]) -> bool:

@@ -14,9 +14,6 @@ class ExplorationSettings:
     recordings: int = tuning(
         8, 'recordings at most', source='convention: the fixed protocol of the lab has as many'
     )
-    stays: int = tuning(
-        2, 'number of rounds with the same name that confirm it', source='invented'
-    )
 
 
 EXPLORATION = ExplorationSettings()

@@ -137,11 +137,16 @@ def test_the_safe_set_of_an_arm_under_vacuum_is_its_vacuum():
     assert (safe.low, safe.high) == arm.pressure_range
 
 
-def test_a_name_stays_as_often_as_asked(monkeypatch):
+def test_a_name_is_confirmed_by_the_recording_after_it(monkeypatch):
     monkeypatch.setattr(exploration, 'named_effects', lambda item: item)
-    rounds = [SimpleNamespace(investigation=('creep',)) for _ in range(2)]
-    assert exploration.is_name_confirmed(rounds, 2)
-    assert not exploration.is_name_confirmed(rounds, 3)
+
+    def is_confirmed(*names):
+        return exploration.is_name_confirmed([SimpleNamespace(investigation=one) for one in names])
+
+    assert is_confirmed((), ('creep',), ('creep',))
+    assert not is_confirmed(('creep',))
+    assert not is_confirmed(('creep',), ('gravity',))
+    assert not is_confirmed((), ())
 
 
 def test_what_a_rival_explains_as_well_diverges_from_nothing_alone():
