@@ -3,9 +3,9 @@
 As in the estimator, a step maps a state to the next one, without clock, topic or file.
 `take_estimate` processes every pressure reading with its outcome, `take_targets` every frame of
 targets, and `ConsistencyState.disagreement` gives the current result. A frame is compared with the
-prediction from the neighboring estimates (`frame_prediction`), one of which must be at most
-`reach` away. `agreement_of` gives the verdict on a whole recording, for single frames and, with
-`persistent_errors`, for all frames together.
+prediction from the neighboring estimates (`frame_prediction`), one of which must be at most a
+period of the readings away. `agreement_of` gives the verdict on a whole recording, for single
+frames and, with `persistent_errors`, for all frames together.
 """
 
 from __future__ import annotations
@@ -46,13 +46,6 @@ MANY = 0.25  # share of recent frames beyond the limit from which it is a disagr
 class ConsistencySettings:
     """Tuning constants of the comparison of measured targets with estimates."""
 
-    reach: float = tuning(
-        0.75,
-        'largest distance of a frame from the nearest reading: half a period, and half as '
-        'much for jitter',
-        unit='period',
-        source='sweep',
-    )
     most_tips: float = tuning(
         0.2,
         'largest share of tips outside their ellipses for an adequate model; a systematic '
@@ -332,10 +325,10 @@ def compare_waiting(state: ConsistencyState, estimator: Estimator) -> Consistenc
         return state  # not decided yet
     stamps = [estimate.stamp_ns for estimate in state.estimates]
     periods = [after - before for before, after in pairwise(stamps[-PERIODS - 1 :])]
-    reach = DEFAULTS.reach * median(periods) if periods else 0.0
+    period = median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     shown = np.array([sightings.stamp_ns - delay_ns for sightings in waiting])
-    matches = (part.tolist() for part in (shown, *match_stamps(shown, np.array(stamps), reach)))
+    matches = (part.tolist() for part in (shown, *match_stamps(shown, np.array(stamps), period)))
     for sightings, shown_ns, nearest, is_matched in zip(waiting, *matches, strict=True):
         behind = len(stamps) - bisect_left(stamps, shown_ns)
         estimate = state.estimates[nearest]
