@@ -31,21 +31,29 @@ LOADED = {
     'p F1': 'loads.pressure * loads.force_x',
     'p F2': 'loads.pressure * loads.force_y',
 }
+SENSED = {term: code.replace('loads.', 'load.') for term, code in LOADED.items()} | {
+    CONSTANT: '',
+    'p': 'load.pressure',
+    'p^2': 'load.pressure**2',
+}
 TIMES = {RATE: RATE_TIME, **MEANS}
 
+# Imports of a file, of the standard library and of others: how a line begins, and its names.
 IMPORTS = (
-    ('from dataclasses import dataclass', r'@dataclass'),
-    ('from dataclasses import replace', r'\breplace\('),
-    ('import math', r'\bmath\.'),
-    ('from typing import ClassVar', r'\bClassVar\b'),
-    ('import numpy as np', r'\bnp\.'),
-    ('from pneunet_ros.core.arrays import Array', r'\bArray\b'),
-    ('from pneunet_ros.core.units import quantity', r'\bquantity\('),
-    *(
-        (f'from pneunet_ros.effects.effect import {name}', rf'\b{name}\b')
-        for name in ('Effect', 'History', 'Load', 'Loads', 'Part', 'Place', 'PressureScale')
+    (
+        ('from dataclasses import', 'dataclass replace'),
+        ('import', 'math'),
+        ('from typing import', 'ClassVar'),
     ),
-    ('from pneunet_ros.effects.effect import Terms', r'\bTerms\b'),
+    (
+        ('import numpy as', 'np'),
+        ('from pneunet_ros.core.arrays import', 'Array'),
+        ('from pneunet_ros.core.units import', 'quantity'),
+        (
+            'from pneunet_ros.effects.effect import',
+            'Effect History Load Loads Part Place PressureScale Terms',
+        ),
+    ),
 )
 FILE = '''\
 """{sentence}
@@ -142,6 +150,7 @@ FRAME_DELAY = '''
         """The delay."""
         return {amplitude}
 '''
+METHODS = {'actuate': ACTUATE, 'sense': SENSE, 'see': SEE, 'frame_delay': FRAME_DELAY}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,21 +240,17 @@ def effect_source(
 
 def imports_text(used: str) -> str:
     """Return the imports needed by a text, one line per module."""
-    lines: list[str] = []
-    for line, pattern in IMPORTS:
-        if not re.search(pattern, used):
-            continue
-        module, _, name = line.partition(' import ')
-        if lines and name and lines[-1].startswith(f'{module} import '):
-            lines[-1] += f', {name}'
-        else:
-            lines.append(line)
-    text = '\n'.join(lines)
-    head, separator, names = text.rpartition('effects.effect import ')
-    if len(names) + len('from pneunet_ros.effects.effect import ') > LINE:
-        names = '(\n    ' + names.replace(', ', ',\n    ') + ',\n)'
-    first = text.split('\nimport numpy')[0].split('\nfrom pneunet_ros')[0]
-    return f'{first}\n\n{(head + separator + names)[len(first) + 1 :]}'
+    groups = []
+    for group in IMPORTS:
+        lines = []
+        for begin, names in group:
+            found = [name for name in names.split() if re.search(rf'\b{name}\b', used)]
+            line = f'{begin} {", ".join(found)}'
+            if len(line) > LINE:
+                line = f'{begin} (\n    ' + ',\n    '.join(found) + ',\n)'
+            lines += [line] * bool(found)
+        groups.append('\n'.join(lines))
+    return '\n\n'.join(groups)
 
 
 def field_text(kind: Kind, item: Parameter) -> str:
@@ -342,22 +347,12 @@ def memory_text(
 
 def present_text(kind: Kind, parameters: Sequence[Parameter], length: float) -> str:
     """Return the methods for the dependence on present inputs."""
-    code = kind.code.replace('{half}', repr(0.5 * length)).replace('\n', '\n        ')
     if kind.method == 'terms':
         return present_terms_text(kind, parameters)
-    amplitude = sum_text(parameters, PRESENT | LOADED)
-    if not amplitude:
-        return ''
-    match kind.method:
-        case 'actuate':
-            return ACTUATE.format(amplitude=amplitude)
-        case 'sense':
-            terms = PRESENT | {'p': 'load.pressure', 'p^2': 'load.pressure**2'} | LOADED
-            amplitude = sum_text(parameters, terms).replace('loads.', 'load.')
-            return SENSE.format(amplitude=amplitude, code=code)
-        case 'see':
-            return SEE.format(amplitude=amplitude, code=code)
-    return FRAME_DELAY.format(amplitude=amplitude)
+    expressions = SENSED if kind.method == 'sense' else PRESENT | LOADED
+    amplitude = sum_text(parameters, expressions)
+    code = kind.code.replace('{half}', repr(0.5 * length)).replace('\n', '\n        ')
+    return METHODS[kind.method].format(amplitude=amplitude, code=code) if amplitude else ''
 
 
 def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
