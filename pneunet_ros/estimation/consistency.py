@@ -190,14 +190,14 @@ class RunningInnovation:
     """
 
     stamp_ns: int
-    weight: float
-    frames: int
-    chi_square: float
-    coordinates: float
-    beyond: float
-    at_targets: Array
     arclength: Array
-    force_read: bool
+    at_targets: Array
+    weight: float = 0.0
+    frames: int = 0
+    chi_square: float = 0.0
+    coordinates: float = 0.0
+    beyond: float = 0.0
+    force_read: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -378,20 +378,12 @@ def add_frame(
         evidence=evidence_of(sightings, estimate, predicted, beyond=chi_square > most),
     )
     beyond = float(chi_square > most)
-    since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
-    if before is None or since > time:
-        running = RunningInnovation(
-            stamp_ns=stamp_ns,
-            weight=1.0,
-            frames=1,
-            chi_square=chi_square,
-            coordinates=frame.coordinates,
-            beyond=beyond,
-            at_targets=freeze(frame.at_targets),
-            arclength=estimator.arm.target_arclength,
-            force_read=force_read,
+    if before is None or seconds_between(before.stamp_ns, stamp_ns) > time:
+        places = estimator.arm.target_arclength
+        before = RunningInnovation(
+            stamp_ns=stamp_ns, arclength=places, at_targets=np.full(places.size, math.nan)
         )
-        return running, frame_innovation
+    since = seconds_between(before.stamp_ns, stamp_ns)
     weight = before.weight * math.exp(-since / time) + 1.0
     share = 1.0 / weight
     known = np.where(np.isnan(before.at_targets), frame.at_targets, before.at_targets)
