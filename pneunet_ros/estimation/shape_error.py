@@ -412,10 +412,10 @@ def match_series(of_ns: Stamps, to_ns: Stamps) -> tuple[Stamps, Stamps]:
     empty = np.zeros(0, dtype=np.int64)
     if not of_ns.size or not to_ns.size:
         return empty, empty
-    if median_period(of_ns) < median_period(to_ns):
-        found, is_matched = match_stamps(to_ns, of_ns, 0.5 * median_period(of_ns))
-        return found[is_matched], np.flatnonzero(is_matched)
     period = median_period(to_ns)
+    if median_period(of_ns) < period:
+        other, mine = match_series(to_ns, of_ns)
+        return mine, other
     found, is_matched = match_stamps(of_ns, to_ns, 0.5 * period if math.isfinite(period) else 0.0)
     return np.flatnonzero(is_matched), found[is_matched]
 
