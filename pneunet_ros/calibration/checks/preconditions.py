@@ -364,14 +364,10 @@ def tip_travel(runs: Sequence[RecordingData], reach: float) -> float:
     if not any(run.seen.any() for run in runs):
         turns = np.concatenate([run.heading for run in runs if run.heading is not None])
         return 0.5 * reach * float(np.ptp(np.unwrap(turns[np.isfinite(turns)])))
-    x, y = (np.concatenate([getattr(run, name) for run in runs]) for name in 'xy')
-    last = int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
-    return float(
-        np.hypot(
-            np.nanmax(x[:, last]) - np.nanmin(x[:, last]),
-            np.nanmax(y[:, last]) - np.nanmin(y[:, last]),
-        )
-    )
+    points = np.concatenate([run.points for run in runs])
+    last = int(np.flatnonzero(np.isfinite(points[:, 0]).any(axis=0))[-1])
+    tip = points[:, :, last]
+    return float(np.hypot(*(np.nanmax(tip, axis=0) - np.nanmin(tip, axis=0))))
 
 
 def names_of(runs: Sequence[RecordingData]) -> str:

@@ -149,7 +149,7 @@ def tip_errors(
 ) -> TipErrors:
     """Return the displacement of the last target by a variation of ln EI, parameters refitted."""
     size, last = fit.values.size, fit.arm.target_arclength.size - 1
-    parts: tuple[list[Array], ...] = ([], [], [], [])
+    parts: list[tuple[Array, ...]] = []
     for run in runs:
         tip = np.array([last, 2 * last + 1])
         solved = np.flatnonzero(run.fitted.solved)
@@ -157,14 +157,9 @@ def tip_errors(
         jacobian = run.jacobian[np.ix_(solved, tip)][:, :, :size]
         errors = run.errors[np.ix_(solved, tip)]
         shift = by_mode @ coefficients + jacobian @ refitted
-        model_covariance = jacobian @ fit.covariance @ jacobian.transpose(0, 2, 1)
-        for part, values in zip(
-            parts,
-            (shift, jacobian, model_covariance, errors @ errors.transpose(0, 2, 1)),
-            strict=True,
-        ):
-            part.append(values)
-    shift, jacobian, covariance, readings = (np.concatenate(part) for part in parts)
+        covariance = jacobian @ fit.covariance @ jacobian.transpose(0, 2, 1)
+        parts.append((shift, jacobian, covariance, errors @ errors.transpose(0, 2, 1)))
+    shift, jacobian, covariance, readings = map(np.concatenate, zip(*parts, strict=True))
     return TipErrors(shift=shift, jacobian=jacobian, covariance=covariance, readings=readings)
 
 
