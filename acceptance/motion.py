@@ -34,7 +34,9 @@ from everyday_causes import (
     Cause,
     CAUSES,
     CONTACT,
+    EVERY,
     fuse,
+    LATE,
     mean_shares,
     NUMBERS,
     numbers_of,
@@ -375,15 +377,22 @@ def try_ways(seed: int, recordings: int) -> dict[str, Array]:
 
 
 def peg_numbers(rows: Array) -> dict[str, float]:
-    """Return how well the peg is found: rows (recordings, readings, PEG_NUMBERS)."""
+    """Return how well the peg is found: rows (recordings, readings, PEG_NUMBERS).
+
+    A contact that ends after the last frame that has arrived is not false, but seen late.
+    """
     true, place, force, found = np.moveaxis(rows, -1, 0)
     touching, seen = np.abs(true) >= TOUCHES, np.isfinite(force)
-    both = touching & seen
+    both, touched, lately = touching & seen, true != 0.0, true != 0.0
+    for ago in range(1, LATE + EVERY):
+        lately[:, ago:] |= touched[:, :-ago]
+    ended = lately & ~touched
     share = np.abs(force - true)[both] / np.abs(true[both])
     return {
         'touching': float(touching.mean()),
         'found': float(seen[touching].mean()) if touching.any() else math.nan,
-        'false': float(seen[true == 0.0].mean()),
+        'false': float(seen[~lately].mean()),
+        'late': float(seen[ended].mean()) if ended.any() else math.nan,
         'size': float(np.median(share)) if both.any() else math.nan,
         'place': float(np.median(np.abs(found - place)[both])) if both.any() else math.nan,
     }
@@ -439,12 +448,12 @@ def show(summary: dict, title: str) -> None:
             f'| {name} | {1e3 * one["tip_rms"]:.2f} mm | {one["tip_covered"]:.2f} | {force} | '
             f'{one["contacts"]:.3f} | {said or "nothing"} |'
         )
-    print('\n| peg | touching | found | false | size off, median | place off, median |')
-    print('|---|---|---|---|---|---|')
+    print('\n| peg | touching | found | false | seen late | size off | place off, median |')
+    print('|---|---|---|---|---|---|---|')
     for name, one in summary['pegs'].items():
         print(
-            f'| {name} | {one["touching"]:.2f} | {one["found"]:.2f} | {one["false"]:.3f} | '
-            f'{100 * one["size"]:.0f} % | {1e3 * one["place"]:.1f} mm |'
+            f'| {name} | {one["touching"]:.2f} | {one["found"]:.2f} | {one["false"]:.4f} | '
+            f'{one["late"]:.2f} | {100 * one["size"]:.0f} % | {1e3 * one["place"]:.1f} mm |'
         )
     print('\n| calibrated hanging, by an accelerometer | tip rms | covered |\n|---|---|---|')
     for name, one in summary['others'].items():

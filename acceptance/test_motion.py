@@ -33,7 +33,8 @@ def test_numbers_of_the_peg_and_goals_that_are_missed():
     rows[0, :50, 0], rows[0, :50, 1] = -0.02, 0.07
     rows[0, 10:60, 2], rows[0, 10:60, 3] = -0.022, 0.072
     found = bench.peg_numbers(rows)
-    assert found['found'] == 0.8 and found['false'] == 0.2
+    assert found['found'] == 0.8
+    assert (found['false'], found['late']) == (6 / 46, 1.0)
     assert found['size'] == pytest.approx(0.1) and found['place'] == pytest.approx(2e-3)
     off = np.full((1, 200, len(bench.NUMBERS)), 5e-3)
     off[..., 1] = 50.0

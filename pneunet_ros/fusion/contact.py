@@ -28,7 +28,7 @@ from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 from pneunet_ros.solver.solution import SolverNodes
 
-CONTACT_STARTS = 3  # number of best places from which a contact is searched for
+CONTACT_STARTS = 3  # number of places from which a contact is searched for
 CONTACT_APART = 0.05  # lengths between two contacts; idle in acceptance/sweep.py
 
 
@@ -58,10 +58,12 @@ def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
     return replace(belief, mean=freeze(mean), root=freeze(root), causes=belief.causes - {CONTACT})
 
 
-def with_any_contact(unknowns: Unknowns, belief: Belief) -> Belief:
-    """Allow a contact with any force, anywhere on the arm."""
+def with_any_contact(
+    unknowns: Unknowns, belief: Belief, ends: tuple[float, float] = (0.0, 1.0)
+) -> Belief:
+    """Allow a contact with any force between two places of the arm, in shares of its length."""
     mean, where = belief.mean.copy(), unknowns.at(Push)
-    mean[where], std = unknowns.block(Push).touching_prior
+    mean[where], std = unknowns.block(Push).touching_prior(*ends)
     more = np.zeros((mean.size, 2))
     more[where] = np.diag(std)
     root = freeze(np.hstack([belief.root, more]))
@@ -143,6 +145,27 @@ class PushScores:
         volume[:, size, size] = np.sum(slide * weighed_slide, axis=0) + anywhere
         return np.asarray(self.gain - np.linalg.slogdet(volume)[1] + math.log(anywhere))
 
+    def starts(self) -> list[tuple[int, tuple[float, float]]]:
+        """Return the panels to search from, each with the part of the arm (shares) of its prior.
+
+        Without a blow these are the best local maxima of the gain: weak contacts have several. A
+        blow moves the arm by where it acts, which no search follows, so each part of the arm has a
+        search and a prior of its own.
+        """
+        if self.motion is None or self.motion.blow is None:
+            padded = np.concatenate([[0.0], self.gain, [0.0]])
+            peaks = np.flatnonzero((self.gain >= padded[:-2]) & (self.gain >= padded[2:]))
+            best = peaks[np.argsort(-self.gain[peaks])][:CONTACT_STARTS]
+            return [(panel, (0.0, 1.0)) for panel in best.tolist()]
+        parts = np.minimum(self.place * CONTACT_STARTS // self.length, CONTACT_STARTS - 1)
+        found = []
+        for part in range(CONTACT_STARTS):
+            gain = np.where(parts == part, self.gain, 0.0)
+            if gain.any():
+                ends = (part / CONTACT_STARTS, (part + 1) / CONTACT_STARTS)
+                found.append((int(gain.argmax()), ends))
+        return found
+
     def step(self, fit: FrameLinearization, panel: int) -> Array:
         """Return the response of the other unknowns (n,) in xi to a contact on a panel."""
         remaining = fit.weighed - self.weighed[:, panel] @ self.amounts[panel]
@@ -192,8 +215,7 @@ def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> lis
 
     Empty if no contact is needed. problem: of all targets seen; best: the fit without a contact,
     perhaps without some targets; its linearization shows whether a contact is needed, unless that
-    fit is inconsistent with the frame (unexplained). The best places
-    are local minima of the cost along the arm: weak contacts have several.
+    fit is inconsistent with the frame (unexplained).
     """
     settings, length = problem.settings, problem.table.arm.length
     fit = base = best[1]
@@ -209,12 +231,15 @@ def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> lis
     indicated = likely.any() and np.any(likely & (scores.evidence() > 0.0))
     if not indicated and not unexplained:
         return []
-    padded = np.concatenate([[0.0], scores.gain, [0.0]])
-    peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
-    starts = peaks[np.argsort(-scores.gain[peaks])][:CONTACT_STARTS]
-    prior = with_any_contact(problem.unknowns, problem.prior)
-    touched = replace(problem, prior=prior)
-    tried = [search_at(touched, base, scores, int(panel)) for panel in starts]
+    tried = [
+        search_at(
+            replace(problem, prior=with_any_contact(problem.unknowns, problem.prior, ends)),
+            base,
+            scores,
+            panel,
+        )
+        for panel, ends in scores.starts()
+    ]
     seen = int(np.count_nonzero(problem.used))
     # Beyond this the problem is not linear, and a std of the force is meaningless.
     predicted_gain = 2.0 * float(scores.gain.max())

@@ -225,16 +225,29 @@ def test_without_motion_in_the_model_nothing_swings():
     assert bench.unknowns.std.size == fusion().model.unknowns.std.size - 6
 
 
-@pytest.mark.parametrize(('until', 'least'), [(0.5, 0.9), (0.225, 0.8)], ids=['ramp', 'step'])
-def test_a_peg_in_the_way_of_a_moving_arm_is_found_where_it_is(until, least):
+@pytest.mark.parametrize(
+    ('share', 'pressure_kpa', 'least'),
+    [
+        ((0.0, 0.2, 0.5, 1.0), (15, 15, 55, 55), 0.9),
+        ((0.0, 0.2, 0.225, 1.0), (15, 15, 55, 55), 0.8),
+        (
+            (0.0, 0.1, 0.125, 0.35, 0.375, 0.6, 0.625, 0.8, 0.825, 1.0),
+            (15, 15, 55, 55, 10, 10, 60, 60, 30, 30),
+            0.9,
+        ),
+    ],
+    ids=['ramp', 'step', 'steps'],
+)
+def test_a_peg_in_the_way_of_a_moving_arm_is_found_where_it_is(share, pressure_kpa, least):
     scenario = recorded(False)[1]
     peg = LabMotion(damping_time=0.03, peg_x=0.08, peg_y=0.04, peg_radius=0.006)
+    none = (0.0,) * len(share)
     protocol = Corners(
         duration=4.0,
-        share=(0.0, 0.2, until, 1.0),
-        pressure=(15e3, 15e3, 55e3, 55e3),
-        force_x=(0.0,) * 4,
-        force_y=(0.0,) * 4,
+        share=share,
+        pressure=tuple(1e3 * one for one in pressure_kpa),
+        force_x=none,
+        force_y=none,
     )
     recording = simulate(dataclasses.replace(scenario, protocol=protocol, motion=peg))
     settings = dataclasses.replace(FUSION, free_tip=True)

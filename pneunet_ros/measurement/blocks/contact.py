@@ -48,11 +48,10 @@ class Push(Block):
         """Zero: no contact a priori."""
         return np.zeros(2)
 
-    @property
-    def touching_prior(self) -> tuple[Array, Array]:
-        """Mean and one sigma of a contact with any force, anywhere on the arm."""
-        length = self.length
-        return np.array([0.0, 0.5 * length]), np.array([self.scale, length / math.sqrt(12.0)])
+    def touching_prior(self, low: float, high: float) -> tuple[Array, Array]:
+        """Return mean and one sigma of a contact with any force between two shares of the arm."""
+        middle, spread = 0.5 * (low + high), (high - low) / math.sqrt(12.0)
+        return np.array([0.0, middle * self.length]), np.array([self.scale, spread * self.length])
 
     @property
     def limits(self) -> tuple[float, float]:
