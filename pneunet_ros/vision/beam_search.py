@@ -54,12 +54,8 @@ class BeamSearchSettings:
         unit='sigma',
         source='convention: three sigma',
     )
-    across_std: float = tuning(
-        0.15,
-        'sigma of the distance from the prediction, across',
-        unit='spacing',
-        source='invented',
-    )
+    # Deviation of a target across the row, spacings, one sigma: as along it, but of straight rows.
+    across_std: float = ALONG_STD
     size_std: float = tuning(
         0.35, 'difference of logarithmic areas in a row, one sigma', source='sweep'
     )
