@@ -130,7 +130,8 @@ def weigh(
     best = best_of(weighed)
     # A frame that does not fit must not wait for its cause, unless none has fitted ever.
     if is_due(state) or (best[0].update.fit is not None and best[0].before.frames):
-        touches = contact_alternatives(model, weighed, best)
+        bases = [best, *(one for one in weighed if may_be_touched(one[0], best[0]))]
+        touches = [one for base in bases for one in contact_alternatives(model, weighed, base)]
         weighed += touches
         if should_test_causes(model, best[0], weighed, touches):
             weighed += cause_alternatives(model, state, weighed, best)
@@ -284,6 +285,16 @@ def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:
     )
 
 
+def may_be_touched(rival: HypothesisUpdate, best: HypothesisUpdate) -> bool:
+    """Whether a hypothesis that explains a frame may be the best one with a contact.
+
+    An arm at rest and one that swings are compared without: a contact explains a swing as well.
+    """
+    if rival is best or rival.before.touched or rival.misfits:
+        return False
+    return MOTION not in rival.before.causes ^ best.before.causes
+
+
 def contact_alternatives(
     model: PreparedModel, weighed: list[Alternative], best: Alternative
 ) -> list[Alternative]:
@@ -344,6 +355,7 @@ def cause_alternatives(
     found = [
         one for side in (base, *other_side(weighed, base)) for one in all_alternatives(model, side)
     ]
+    found += with_restarted_swing(model, base)
     if state.counts.lost >= FRAMES_LOST and best_of([*weighed, *found])[0].misfits:
         updated, weight = base
         unknowns = model.of(state.lasting).unknowns
@@ -354,6 +366,19 @@ def cause_alternatives(
         )
         found += [restarted, *all_alternatives(model, restarted)]
     return found
+
+
+def with_restarted_swing(model: PreparedModel, base: Alternative) -> list[Alternative]:
+    """Return the update of a swinging arm of which only the swing is wrong: something has hit it.
+
+    Otherwise such a frame would cost all that is known, as in a belief that is begun anew.
+    """
+    updated, weight = base
+    swinging = model.of(updated.before.causes).swinging
+    if swinging is None or not updated.before.frames:
+        return []
+    hit = update_from(model, updated, swinging.with_restarted_swing(updated.before))
+    return [(hit, weight - RESET_RARITY * model.settings.odds_against)]
 
 
 def all_alternatives(model: PreparedModel, base: Alternative) -> list[Alternative]:
