@@ -22,6 +22,7 @@ from pneunet_ros.lab.motion import LabMotion
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.blocks.tilt import Tilt
 from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
@@ -398,3 +399,24 @@ def test_an_arm_that_begins_to_swing_is_named_and_nothing_else():
     assert next(time for time, causes in named if causes) < 1.5  # the step begins at 1.0 s
     assert state.certain_causes == {MOTION}
     assert np.median(missed) < 1e-3
+
+
+def test_an_arm_that_something_hits_costs_its_swing_alone():
+    """From a hit on, the frames are those of another phase of the same swing."""
+    recording, _ = recorded(False)
+    by = Fusion(arm=fusion().arm, settings=dataclasses.replace(FUSION, free_tip=True))
+    hit, half_period, state, known = int(4.2 * RATE), int(0.4 * RATE), FusionState(), []
+    tilt = by.model.unknowns.at(Tilt).stop - 1
+    for instant, stamp in enumerate(recording.stamp_ns[: hit + half_period].tolist()):
+        if instant >= LATE and not (instant - LATE) % EVERY:
+            frame = sightings(recording, instant - LATE)
+            if instant >= hit:
+                later = sightings(recording, instant - LATE + half_period)
+                frame = dataclasses.replace(later, stamp_ns=frame.stamp_ns)
+            state = by.settle(by.step(state, frame)[0])
+            known.append((state.belief.std(tilt), state.certain_causes, instant >= hit))
+        reading = PressureReading(stamp_ns=stamp, pressure=float(recording.pressure[instant]))
+        state, _ = by.step(state, reading)
+    before = [std for std, _, is_hit in known if not is_hit][-1]
+    assert before < 0.1 * by.model.unknowns.std[tilt]
+    assert all(std < 2.0 * before and not causes for std, causes, is_hit in known if is_hit)
