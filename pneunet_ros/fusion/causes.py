@@ -49,7 +49,8 @@ from pneunet_ros.measurement.inference.gaussian import (
 )
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
-RESET_RARITY = 3.0  # log odds against a completely wrong belief; as rare as the rarest cause
+# In units of `odds_against`, against a completely wrong belief: that of the rarest cause.
+RESET_RARITY = 3.0
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 CONTACT_GONE = 25.0  # chi squared of a contact force below which it may have ended
 TURN_TOLERANCE = 0.002  # rad, below which a camera is never taken for moved
