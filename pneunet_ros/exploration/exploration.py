@@ -128,7 +128,7 @@ def rms_of_last(arm: Arm, runs: Sequence[RecordingData]) -> float:
 
 def is_name_confirmed(rounds: Sequence[Round]) -> bool:
     """Whether the round before gave the same name, so that the last recording tested it."""
-    *_, before, last = [(), *(named_effects(item.investigation) for item in rounds)]
+    before, last = [(), (), *(named_effects(one.investigation) for one in rounds)][-2:]
     return bool(last) and last == before
 
 

@@ -147,6 +147,7 @@ def test_a_name_is_confirmed_by_the_recording_after_it(monkeypatch):
     assert not is_confirmed(('creep',))
     assert not is_confirmed(('creep',), ('gravity',))
     assert not is_confirmed((), ())
+    assert not is_confirmed()
 
 
 def test_what_a_rival_explains_as_well_diverges_from_nothing_alone():
