@@ -102,11 +102,11 @@ class LackOfFitSettings:
     least_seen: float = tuning(
         0.3, 'smallest score variance of a field observable in the data', source='sweep'
     )
-
-    @property
-    def camera_dof(self) -> int:
-        """Number of values from which registration_std and drift_std are estimated."""
-        return NOISE_ESTIMATE.blocks
+    camera_dof: int = tuning(
+        8,
+        'number of values from which registration_std and drift_std are estimated',
+        source='sweep',
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

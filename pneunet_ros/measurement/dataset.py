@@ -11,10 +11,21 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import match_stamps, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.model.uncertainty import SensorNoise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureJumpSettings:
+    """Criteria for a pressure step between two readings, at an unknown time."""
+
+    neighbors: float = tuning(
+        3.0, 'smallest ratio of a jump to the adjacent changes', source='invented'
+    )
+
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
@@ -25,6 +36,7 @@ TRIGGERED = 0.95  # share of the frames that must be this close
 JUMP_NOISE = 8.0  # sigma: a jump that noise does not explain
 JUMP_SPAN = 0.01  # of the span of the readings: least jump that matters
 CERTAIN = 0.1  # of a change, largest time from a reading to a frame that shows its value
+PRESSURE_JUMP = PressureJumpSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -328,15 +340,16 @@ def frames_in_jumps(shown: Stamps, stamp_ns: Stamps, pressure: Array) -> npt.NDA
 
     shown (ns): times of the frames; stamp_ns (readings,) and pressure (readings,) Pa. Such a frame
     shows the arm at the pressure before or after the jump, not in between: linear interpolation is
-    wrong by up to the whole jump. Most of a jump exceeds the changes before and after together.
+    wrong by up to the whole jump.
     """
     if len(stamp_ns) < 4:
         return np.zeros(len(shown), np.bool_)
     changes = np.abs(np.diff(pressure))
     noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(pressure, 2)))) / np.sqrt(6.0)
     padded = np.pad(changes, 1)
-    most = 2.0 * (changes - padded[:-2] - padded[2:]) > changes
-    jumped = most & (changes > max(JUMP_NOISE * noise, JUMP_SPAN * float(np.ptp(pressure))))
+    neighbors_change = np.maximum(padded[:-2], padded[2:])
+    jumped = changes > PRESSURE_JUMP.neighbors * neighbors_change
+    jumped &= changes > max(JUMP_NOISE * noise, JUMP_SPAN * float(np.ptp(pressure)))
     after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
     interval = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)
     fraction = (shown - stamp_ns[after - 1]) / interval
