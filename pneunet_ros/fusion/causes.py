@@ -49,8 +49,6 @@ from pneunet_ros.measurement.inference.gaussian import (
 )
 
 CAMERA, TARGETS, TILT = 'camera', 'targets', 'tilt'
-# In units of `odds_against`, against a completely wrong belief: that of the rarest cause.
-RESET_RARITY = 3.0
 # No figure of acceptance/sweep.py moves when one of these is halved or doubled.
 CONTACT_GONE = 25.0  # chi squared of a contact force below which it may have ended
 TURN_TOLERANCE = 0.002  # rad, below which a camera is never taken for moved
@@ -141,13 +139,13 @@ class ContactCause(Cause):
             updated, fit, before = free, free.update.fit, free.before
         seen = int(np.count_nonzero(updated.problem.used))
         read = frame.wrench is not None
-        for found in find_contacts(updated.problem, fit, unexplained=misfits(fit)):
+        for found, share in find_contacts(updated.problem, fit, unexplained=misfits(fit)):
             begun = FrameUpdate(belief=None, unchecked=None if read else found, settled=read)
             update = with_fit(begun, found, found, seen)
             with_contact = HypothesisUpdate(
                 frame=frame, before=before, problem=updated.problem, update=update
             )
-            yield with_contact, 0.0
+            yield with_contact, share
 
     def is_sure(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
         """Whether a contact is still certain, because it fits the frame and the measured force.
@@ -264,14 +262,17 @@ class TiltCause(Cause):
     ) -> Iterator[Alternative]:
         """Try a base that tilted since the last frame, or that was tilted from the start.
 
-        The latter begins anew if a contact, a swing or a fault of the force sensor may have
-        explained the tilt until now, because what frames taught of all other unknowns is then
-        wrong as well. Other causes, and a known motion, are not found again along the way.
+        Gravity that has just turned has not moved an arm with mass yet, so that only many frames
+        can show it. A tilt from the start begins anew if a contact, a swing or a fault of the
+        force sensor may have explained the tilt until now, because what frames taught of all other
+        unknowns is then wrong as well. Other causes, and a known motion, are not found again along
+        the way.
         """
         tilt, where = model.unknowns.block(Tilt), model.unknowns.at(Tilt)
         before = updated.before
-        now = widen(before, where, tilt.tilted_std)
-        yield update_from(model, updated, replace_causes(now, self.name)), 0.0
+        if model.swinging is None:
+            now = widen(before, where, tilt.tilted_std)
+            yield update_from(model, updated, replace_causes(now, self.name)), 0.0
         earlier = self.log_odds_so_far(model, updated.after)
         if earlier <= 0.0:
             return
@@ -528,4 +529,6 @@ CAUSES: tuple[Cause, ...] = (
     MirroredCause(),
     MotionCause(),
 )
+# Of a belief that is completely wrong: it is as rare as the rarest cause.
+RESET_RARITY = max(cause.rarity for cause in CAUSES)
 HIDDEN_AT_REST = frozenset(cause.name for cause in CAUSES if cause.hidden_at_rest)

@@ -3,7 +3,7 @@
 A contact is a force along the normal of the arm at some place. A score test in every frame shows
 whether there may be one: the gain of a push on each panel of the rod, with all other unknowns
 adapted. Only if so, the contact is searched for from the best places, as a frame problem with two
-more unknowns.
+more unknowns. If it may begin with a blow, each part of the arm has a search of its own.
 
 Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
 """
@@ -61,7 +61,7 @@ def without_contact(unknowns: Unknowns, belief: Belief) -> Belief:
 def with_any_contact(
     unknowns: Unknowns, belief: Belief, ends: tuple[float, float] = (0.0, 1.0)
 ) -> Belief:
-    """Allow a contact with any force between two places of the arm, in shares of its length."""
+    """Allow a contact with any force on a part of the arm; ends: in shares of its length."""
     mean, where = belief.mean.copy(), unknowns.at(Push)
     mean[where], std = unknowns.block(Push).touching_prior(*ends)
     more = np.zeros((mean.size, 2))
@@ -145,24 +145,31 @@ class PushScores:
         volume[:, size, size] = np.sum(slide * weighed_slide, axis=0) + anywhere
         return np.asarray(self.gain - np.linalg.slogdet(volume)[1] + math.log(anywhere))
 
+    @property
+    def parts(self) -> int:
+        """Number of equal parts of the arm, with a search and a prior each.
+
+        A blow moves the arm by where it acts, which no search follows.
+        """
+        return 1 if self.motion is None or self.motion.blow is None else CONTACT_STARTS
+
     def starts(self) -> list[tuple[int, tuple[float, float]]]:
         """Return the panels to search from, each with the part of the arm (shares) of its prior.
 
-        Without a blow these are the best local maxima of the gain: weak contacts have several. A
-        blow moves the arm by where it acts, which no search follows, so each part of the arm has a
-        search and a prior of its own.
+        The best one of each part; or the best local maxima of the gain on an undivided arm: weak
+        contacts have several.
         """
-        if self.motion is None or self.motion.blow is None:
+        if self.parts == 1:
             padded = np.concatenate([[0.0], self.gain, [0.0]])
             peaks = np.flatnonzero((self.gain >= padded[:-2]) & (self.gain >= padded[2:]))
             best = peaks[np.argsort(-self.gain[peaks])][:CONTACT_STARTS]
             return [(panel, (0.0, 1.0)) for panel in best.tolist()]
-        parts = np.minimum(self.place * CONTACT_STARTS // self.length, CONTACT_STARTS - 1)
+        part_of = np.minimum(self.place * self.parts // self.length, self.parts - 1)
         found = []
-        for part in range(CONTACT_STARTS):
-            gain = np.where(parts == part, self.gain, 0.0)
+        for part in range(self.parts):
+            gain = np.where(part_of == part, self.gain, 0.0)
             if gain.any():
-                ends = (part / CONTACT_STARTS, (part + 1) / CONTACT_STARTS)
+                ends = (part / self.parts, (part + 1) / self.parts)
                 found.append((int(gain.argmax()), ends))
         return found
 
@@ -210,12 +217,15 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     )
 
 
-def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> list[Fit]:
+def find_contacts(
+    problem: FrameProblem, best: Fit, *, unexplained: bool
+) -> list[tuple[Fit, float]]:
     """Return fits with a contact, the best one for each place, best first.
 
-    Empty if no contact is needed. problem: of all targets seen; best: the fit without a contact,
-    perhaps without some targets; its linearization shows whether a contact is needed, unless that
-    fit is inconsistent with the frame (unexplained).
+    Each comes with the log probability that a contact anywhere is in the part of its prior. Empty
+    if no contact is needed. problem: of all targets seen; best: the fit without a contact, perhaps
+    without some targets; its linearization shows whether a contact is needed, unless that fit is
+    inconsistent with the frame (unexplained).
     """
     settings, length = problem.settings, problem.table.arm.length
     fit = base = best[1]
@@ -231,6 +241,7 @@ def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> lis
     indicated = likely.any() and np.any(likely & (scores.evidence() > 0.0))
     if not indicated and not unexplained:
         return []
+    log_share = -math.log(scores.parts)
     tried = [
         search_at(
             replace(problem, prior=with_any_contact(problem.unknowns, problem.prior, ends)),
@@ -244,7 +255,7 @@ def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> lis
     # Beyond this the problem is not linear, and a std of the force is meaningless.
     predicted_gain = 2.0 * float(scores.gain.max())
 
-    free = evidence_cost(best, seen) - 2.0 * settings.odds_against
+    free = evidence_cost(best, seen) - 2.0 * (settings.odds_against - log_share)
     free_cost = fit.cost + left_out_cost(best, seen)
 
     def is_needed(item: Fit) -> bool:
@@ -264,7 +275,7 @@ def find_contacts(problem: FrameProblem, best: Fit, *, unexplained: bool) -> lis
         separation = CONTACT_APART * length
         if all(abs(place_of(item) - place_of(other)) > separation for other in found):
             found.append(item)
-    return found
+    return [(item, log_share) for item in found]
 
 
 def linearized_at(

@@ -130,8 +130,7 @@ def weigh(
     best = best_of(weighed)
     # A frame that does not fit must not wait for its cause, unless none has fitted ever.
     if is_due(state) or (best[0].update.fit is not None and best[0].before.frames):
-        bases = [best, *(one for one in weighed if may_be_touched(one[0], best[0]))]
-        touches = [one for base in bases for one in contact_alternatives(model, weighed, base)]
+        touches = contact_alternatives(model, weighed, best)
         weighed += touches
         if should_test_causes(model, best[0], weighed, touches):
             weighed += cause_alternatives(model, state, weighed, best)
@@ -283,16 +282,6 @@ def is_open(model: PreparedModel, updated: HypothesisUpdate) -> bool:
         and not model.settings.free_tip
         and not model.force_sensor_is_confirmed(updated.before)
     )
-
-
-def may_be_touched(rival: HypothesisUpdate, best: HypothesisUpdate) -> bool:
-    """Whether a hypothesis that explains a frame may be the best one with a contact.
-
-    An arm at rest and one that swings are compared without: a contact explains a swing as well.
-    """
-    if rival is best or rival.before.touched or rival.misfits:
-        return False
-    return MOTION not in rival.before.causes ^ best.before.causes
 
 
 def contact_alternatives(

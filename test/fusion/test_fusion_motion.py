@@ -10,7 +10,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import MIRRORED, MOTION
-from pneunet_ros.fusion.causes import MotionCause
+from pneunet_ros.fusion.causes import MotionCause, TiltCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.frame_update import known_bending
 from pneunet_ros.fusion.fusion import Fusion
@@ -420,3 +420,15 @@ def test_an_arm_that_something_hits_costs_its_swing_alone():
     before = [std for std, _, is_hit in known if not is_hit][-1]
     assert before < 0.1 * by.model.unknowns.std[tilt]
     assert all(std < 2.0 * before and not causes for std, causes, is_hit in known if is_hit)
+
+
+@pytest.mark.parametrize(('motion', 'count'), [(Motion(damping_time=0.03), 0), (None, 1)])
+def test_gravity_that_has_just_turned_has_not_moved_an_arm_with_mass(motion, count):
+    recording, _ = recorded(False)
+    by, state = Fusion(arm=dataclasses.replace(fusion().arm, motion=motion)), FusionState()
+    for instant in (0, EVERY, 2 * EVERY):
+        stamp, pressure = int(recording.stamp_ns[instant]), float(recording.pressure[instant])
+        state, _ = by.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
+        state, _ = by.step(state, sightings(recording, instant))
+    tilted = list(TiltCause().alternatives(by.model, state.pending.updated))
+    assert len(tilted) == count

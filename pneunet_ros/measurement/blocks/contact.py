@@ -49,7 +49,7 @@ class Push(Block):
         return np.zeros(2)
 
     def touching_prior(self, low: float, high: float) -> tuple[Array, Array]:
-        """Return mean and one sigma of a contact with any force between two shares of the arm."""
+        """Return mean and one sigma of a contact with any force on a part of the arm (shares)."""
         middle, spread = 0.5 * (low + high), (high - low) / math.sqrt(12.0)
         return np.array([0.0, middle * self.length]), np.array([self.scale, spread * self.length])
 
