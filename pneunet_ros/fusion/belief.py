@@ -29,9 +29,9 @@ from pneunet_ros.solver.solution import SolverNodes
 
 # Causes that change what the rod bears, or what is read: the others widen a prior, and no more.
 CONTACT, FORCE_SENSOR, PRESSURE = 'contact', 'force_sensor', 'pressure'
-MIRRORED, MOTION = 'mirrored', 'motion'
+FRAME_TIMES, MIRRORED, MOTION = 'frame_times', 'mirrored', 'motion'
 # These remain when a belief is reset.
-LASTING = frozenset({FORCE_SENSOR, PRESSURE, MIRRORED, MOTION})
+LASTING = frozenset({FORCE_SENSOR, FRAME_TIMES, PRESSURE, MIRRORED, MOTION})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

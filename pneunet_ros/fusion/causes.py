@@ -19,6 +19,7 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     first_belief,
     FORCE_SENSOR,
+    FRAME_TIMES,
     LASTING,
     MIRRORED,
     MOTION,
@@ -227,12 +228,18 @@ class TargetsCause(Cause):
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try a repainted row, then individually repainted targets."""
-        unknowns = model.unknowns
+        """Try a repainted row, then individually repainted targets.
+
+        That the row has changed between two frames is as rare as a belief that is wrong.
+        """
+        unknowns, later = model.unknowns, 0.0
+        if updated.before.frames:
+            later = (self.rarity - RESET_RARITY) * model.settings.odds_against
         row = unknowns.at(TargetRow)
-        for where in (row, slice(unknowns.at(Placement).start, row.stop)):
+        each = slice(unknowns.at(Placement).start, row.stop)
+        for where, earlier in ((row, later), (each, 0.0)):
             other = forget(updated.before, where, unknowns.std[where])
-            yield update_from(model, updated, replace_causes(other, TARGETS)), 0.0
+            yield update_from(model, updated, replace_causes(other, TARGETS)), earlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -401,6 +408,28 @@ class MirroredCause(Cause):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FrameTimesCause(Cause):
+    """Frames show the arm at other times than their stamps say, row by row."""
+
+    name: ClassVar = FRAME_TIMES
+    sentence: ClassVar = (
+        'frames show the moving arm at other times than their stamps say: set shutter.readout in '
+        'the camera file if its rows are read one after the other, or delay_std if its clock is '
+        'late, and reset'
+    )
+
+    def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
+        """Return whether the model error is known; otherwise it may look like that."""
+        return model.camera_is_observable
+
+    def alternatives(
+        self, model: PreparedModel, updated: HypothesisUpdate
+    ) -> Iterator[Alternative]:
+        """Try frames of unknown times, of which an arm at rest shows nothing."""
+        yield update_from(model, updated, replace_causes(updated.before, self.name)), 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MotionCause(Cause):
     """The arm swings, but its model has no motion."""
 
@@ -527,6 +556,7 @@ CAUSES: tuple[Cause, ...] = (
     ForceSensorCause(),
     PressureCause(),
     MirroredCause(),
+    FrameTimesCause(),
     MotionCause(),
 )
 # Of a belief that is completely wrong: it is as rare as the rarest cause.

@@ -162,7 +162,8 @@ class FrameProblem:
     For a swinging arm: swinging; late: first column of the root for force changes since the last
     frame, and response_share: the share of the response of the arm so far; considered: a direction
     (2, 1) of the tip force, and the share of the information that it uses; left_out: first column
-    of the truncation errors of the swing, which belong to this frame only.
+    of the errors that belong to this frame only: truncation errors of the swing, then row_errors
+    (errors, 2, targets) m of a rolling shutter, None without.
 
     Constant during the search: std (coordinates,) m of white noise; measured (targets,) m, x + i
     y; causes (causes, unknowns): derivatives of every cause by the unknowns; cause_root:
@@ -185,6 +186,7 @@ class FrameProblem:
     response_share: float = 1.0
     considered: tuple[Array, float] | None = None
     left_out: int | None = None
+    row_errors: Array | None = None
     still_root: Array = field(init=False)
     touched: bool = field(init=False)
     counting: npt.NDArray[np.intp] | None = field(init=False)
@@ -211,11 +213,11 @@ class FrameProblem:
         added = [unknowns.at(Push)] if touched else []
         if self.swinging is not None and self.prior.reference is not None:
             added.append(self.swinging.part(Motion.PLACE))
-        left_out = ERRORS if self.left_out is not None else 0
+        left_out = self.errors_left_out
         cause_root = np.zeros((cause_count + 2 * len(added) + left_out + 3, size))
         if self.left_out is not None:
-            columns = slice(self.left_out, self.left_out + ERRORS)
-            cause_root[-3 - ERRORS : -3, columns] = np.eye(ERRORS)
+            columns = slice(self.left_out, self.left_out + left_out)
+            cause_root[-3 - left_out : -3, columns] = np.eye(left_out)
         np.matmul(causes, static_root, out=cause_root[:cause_count])
         for which, where in enumerate(added):
             cause_root[cause_count + 2 * which : cause_count + 2 * which + 2] = root[where]
@@ -291,11 +293,12 @@ class FrameProblem:
         if swing_deviation is not None:
             moved_x, moved_y, rotation, bends = swing_deviation.deviation
             curvature = curvature + bends
-            if self.left_out is not None:
-                omitted = xi[self.left_out : self.left_out + ERRORS]
-                off_x, off_y = np.tensordot(omitted, swing_deviation.left_out, axes=1)
-                moved_x, moved_y = moved_x + off_x, moved_y + off_y
             arm_x, arm_y, theta = (arm_x + moved_x, arm_y + moved_y, theta + rotation)
+        if self.left_out is not None:
+            left_out = self.moves_left_out(swing_deviation)
+            own = xi[self.left_out : self.left_out + len(left_out)]
+            off_x, off_y = np.tensordot(own, left_out, axes=1)
+            arm_x, arm_y = arm_x + off_x, arm_y + off_y
         painted = paint(theta, curvature, unknowns.dots_moved(x))
         clamp_x, clamp_y, angle = (unknowns.camera @ x).tolist()
         clamp, turn = complex(clamp_x, clamp_y), cmath.rect(1.0, angle)
@@ -324,6 +327,18 @@ class FrameProblem:
         if arm is None or reference is None:
             return None
         return arm.swing_deviation(bent.solution, x, reference, arm.targets)
+
+    @property
+    def errors_left_out(self) -> int:
+        """Number of errors of this frame alone."""
+        of_swing = 0 if self.prior.reference is None else ERRORS
+        return of_swing + (0 if self.row_errors is None else len(self.row_errors))
+
+    def moves_left_out(self, deviation: SwingDeviation | None) -> Array:
+        """Return one sigma of the errors of this frame alone, (errors, 2, targets) m."""
+        of_swing = [] if deviation is None else [deviation.left_out]
+        of_rows = [] if self.row_errors is None else [self.row_errors]
+        return np.concatenate([*of_swing, *of_rows])
 
     def add_swing(self, trial: Trial, sensitivity: Sensitivity, moves: Array) -> Array | None:
         """Add, in place, the effect of causes on the swing to moves (causes, 4, targets).
@@ -371,11 +386,11 @@ class FrameProblem:
         sensitivity = trial.bent.linearize()
         by_cause = target_jacobian(self.table, sensitivity)
         turning = self.add_swing(trial, sensitivity, by_cause)
-        if trial.swing_deviation is not None:
-            added = [trial.swing_deviation.by_shape]
-            if self.left_out is not None:
-                added.append(np.pad(trial.swing_deviation.left_out, ((0, 0), (0, 2), (0, 0))))
-            by_cause = np.concatenate([by_cause, *added])
+        added = [] if trial.swing_deviation is None else [trial.swing_deviation.by_shape]
+        if self.left_out is not None:
+            left_out = self.moves_left_out(trial.swing_deviation)
+            added.append(np.pad(left_out, ((0, 0), (0, 2), (0, 0))))
+        by_cause = np.concatenate([by_cause, *added]) if added else by_cause
         moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
         moves[:-3] = self.along_arm(trial, by_cause)
         moves[-3], moves[-2] = trial.back, 1j * trial.back

@@ -256,7 +256,7 @@ class Fusion:
         before_ns = state.pressures[max(len(state.pressures) - 2, 0)].stamp_ns
         shown = [self.model.shown_ns(sightings) for sightings in state.waiting]
         if state.belief is not None and state.belief.frames:
-            shown.append(state.belief.stamp_ns - state.belief.delay_ns)
+            shown.append(state.belief.stamp_ns - self.delay_ns(state))
         seconds = max((seconds_since(last_ns, ns) for ns in shown), default=0.0)
         if seconds <= MOST_AHEAD + 1.5 * seconds_between(before_ns, last_ns):
             return []
@@ -343,7 +343,7 @@ class Fusion:
     ) -> tuple[PressureInstant, Refusal | None]:
         """Return pressure and gravity when a frame was taken, or why gravity is unknown."""
         instant = self.pressure_at(state, shown_ns)
-        stamped_ns = shown_ns - (0 if state.belief is None else state.belief.delay_ns)
+        stamped_ns = shown_ns - self.delay_ns(state)
         gravity, unknown = self.gravity.at(state.readings.gravity, stamped_ns)
         after_all = not state.pressures or shown_ns > state.pressures[-1].stamp_ns
         if after_all or instant.gravity is None:  # gravity turns without a pressure too
@@ -353,8 +353,11 @@ class Fusion:
 
     def shown_ns(self, state: FusionState, sightings: TargetSightings) -> int:
         """Return when a frame was taken, by the pressure: its stamp and the delay known so far."""
-        delay_ns = 0 if state.belief is None else state.belief.delay_ns
-        return self.model.shown_ns(sightings) + delay_ns
+        return self.model.shown_ns(sightings) + self.delay_ns(state)
+
+    def delay_ns(self, state: FusionState) -> int:
+        """Return how much later than its stamp a frame shows the arm, as far as is known."""
+        return 0 if state.belief is None else self.model.delay_ns(state.belief)
 
     def ready_ns(self, state: FusionState, sightings: TargetSightings) -> int:
         """Return the stamp (ns) up to which a frame needs the pressure.
@@ -364,7 +367,7 @@ class Fusion:
         """
         shown_ns, belief = self.shown_ns(state, sightings), state.belief
         if belief is None or self.model.certain_delay(belief) <= 0.0:
-            return min(shown_ns, self.model.shown_ns(sightings))
+            return shown_ns if belief is None else shown_ns - max(belief.delay_ns, 0)
         return shown_ns + round(self.model.delay_std(belief) * NANOSECONDS_PER_SECOND)
 
     def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
@@ -598,7 +601,7 @@ class Fusion:
             wrench=wrench,
             before=state.pressures,
             pulls=() if wrench is None or self.settings.free_tip else state.force.kept,
-            delay_ns=0 if state.belief is None else state.belief.delay_ns,
+            delay_ns=self.delay_ns(state),
         )
 
     def is_still(self, state: FusionState) -> bool:

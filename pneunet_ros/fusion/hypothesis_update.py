@@ -9,7 +9,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.fusion.belief import Belief, MOTION, TakenFrame
+from pneunet_ros.fusion.belief import Belief, FRAME_TIMES, MOTION, TakenFrame
 from pneunet_ros.fusion.bent_arm import bend_arm, causes_with_contact
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import (
@@ -25,6 +25,7 @@ from pneunet_ros.fusion.frame_update import (
 from pneunet_ros.fusion.inertial_force import TipInFrame
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
+from pneunet_ros.fusion.rolling_shutter import read_row_by_row
 from pneunet_ros.fusion.swinging import propagate_swing, with_blow_on_contact
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError, UNREAD
@@ -200,10 +201,12 @@ def with_inertial_force(model: PreparedModel, updated: HypothesisUpdate) -> Hypo
     if not fit[0].used[-1]:
         return updated
     shape, tip = fit[1].trial.bent.shape, updated.problem.unknowns.at(TipForce)
+    rows = fit[0].row_errors
+    by_rows = 0.0 if rows is None else 0.5 * float(np.square(rows[:, :, -1]).sum())
     seen = TipInFrame(
         stamp_ns=after.stamp_ns,
         place=np.array([shape.x[-1], shape.y[-1]]),
-        place_variance=float(fit[0].std[-1]) ** 2,
+        place_variance=float(fit[0].std[-1]) ** 2 + by_rows,
         force=after.mean[tip],
         force_variance=np.diag(after.covariance_of(tip)),
     )
@@ -234,7 +237,7 @@ def problem_of(
     """
     model = model.of(belief.causes)
     frame = model.used(frame, belief.causes)
-    frame = frame.delayed(belief.delay_ns, model.delay_std(belief))
+    frame = frame.delayed(model.delay_ns(belief), model.delay_std(belief))
     instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
     inputs = model.inputs_at(instant, frame.wrench)
     pressure_change = abs(instant.chamber - belief.chamber)
@@ -272,7 +275,7 @@ def problem_of(
         left_out = prior.root.shape[1]
         prior = replace(prior, root=with_columns(prior.root, ERRORS))
     sightings = frame.sightings
-    return FrameProblem(
+    problem = FrameProblem(
         table=model.table,
         unknowns=unknowns,
         settings=model.settings,
@@ -286,6 +289,8 @@ def problem_of(
         response_share=1.0 if model.swinging is None else model.swinging.response(seconds).share,
         left_out=left_out,
     )
+    rows = FRAME_TIMES in belief.causes
+    return read_row_by_row(model, problem, belief, frame) if rows else problem
 
 
 def propagate_to_frame(

@@ -12,7 +12,15 @@ from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.fusion.belief import Belief, FORCE_SENSOR, MIRRORED, MOTION, move_belief, PRESSURE
+from pneunet_ros.fusion.belief import (
+    Belief,
+    FORCE_SENSOR,
+    FRAME_TIMES,
+    MIRRORED,
+    MOTION,
+    move_belief,
+    PRESSURE,
+)
 from pneunet_ros.fusion.frame_update import EXACT
 from pneunet_ros.fusion.inertial_force import InertialForce
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant, ReadFrame
@@ -38,6 +46,7 @@ from pneunet_ros.measurement.inference.gaussian import (
     without_prior,
 )
 from pneunet_ros.measurement.moving_arm import likely_motion, MovingArm, places_along
+from pneunet_ros.measurement.rolling_shutter import READOUT
 from pneunet_ros.measurement.swinging_arm import SwingingArm
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
@@ -318,6 +327,14 @@ class PreparedModel:
     def shown_ns(self, sightings: TargetSightings) -> int:
         """Return the time (ns) at which a frame was taken: its stamp minus the camera delay."""
         return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)
+
+    def delay_ns(self, belief: Belief) -> int:
+        """Return how much later (ns) than its stamp a frame shows the arm, by the pressure.
+
+        Beyond the delay of the camera. Rows of a rolling shutter are seen after the stamp.
+        """
+        rows = round(0.5 * READOUT * NANOSECONDS_PER_SECOND)
+        return belief.delay_ns + (rows if FRAME_TIMES in belief.causes else 0)
 
     def delay_std(self, belief: Belief) -> float:
         """Return one sigma (s) of the delay of frames; 0 if it is kept."""
