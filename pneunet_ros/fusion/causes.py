@@ -419,8 +419,11 @@ class FrameTimesCause(Cause):
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the model error is known; otherwise it may look like that."""
-        return model.camera_is_observable
+        """Return whether the model error is known; otherwise it may look like that.
+
+        A blow on an arm that swings by its model looks like that too.
+        """
+        return model.camera_is_observable and model.swinging is None
 
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
