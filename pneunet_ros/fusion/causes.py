@@ -230,16 +230,16 @@ class TargetsCause(Cause):
     ) -> Iterator[Alternative]:
         """Try a repainted row, then individually repainted targets.
 
-        That the row has changed between two frames is as rare as a belief that is wrong.
+        That they have changed between two frames is as rare as a belief that is wrong.
         """
         unknowns, later = model.unknowns, 0.0
         if updated.before.frames:
             later = (self.rarity - RESET_RARITY) * model.settings.odds_against
         row = unknowns.at(TargetRow)
         each = slice(unknowns.at(Placement).start, row.stop)
-        for where, earlier in ((row, later), (each, 0.0)):
+        for where in (row, each):
             other = forget(updated.before, where, unknowns.std[where])
-            yield update_from(model, updated, replace_causes(other, TARGETS)), earlier
+            yield update_from(model, updated, replace_causes(other, TARGETS)), later
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -414,21 +414,22 @@ class FrameTimesCause(Cause):
     name: ClassVar = FRAME_TIMES
     sentence: ClassVar = (
         'frames show the moving arm at other times than their stamps say: set shutter.readout in '
-        'the camera file if its rows are read one after the other, or delay_std if its clock is '
-        'late, and reset'
+        'the camera file if its rows are read one after the other, or delay_std if its clock or '
+        'that of the pressure is late, and reset'
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether the model error is known; otherwise it may look like that.
+        """Return whether a frame can show it: the model error and the pressure are known.
 
         A blow on an arm that swings by its model looks like that too.
         """
-        return model.camera_is_observable and model.swinging is None
+        known = model.camera_is_observable and PRESSURE not in updated.before.causes
+        return known and model.swinging is None
 
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate
     ) -> Iterator[Alternative]:
-        """Try frames of unknown times, of which an arm at rest shows nothing."""
+        """Try frames of unknown times."""
         yield update_from(model, updated, replace_causes(updated.before, self.name)), 0.0
 
 
@@ -494,7 +495,7 @@ class MotionCause(Cause):
         changed = (before.causes ^ rest.before.causes) & {MIRRORED, FORCE_SENSOR}
         if changed or rest.frame.stamp_ns >= frame.stamp_ns:
             return
-        causes = rest.before.causes | {self.name}
+        causes = rest.before.causes | before.causes & {FRAME_TIMES} | {self.name}
         model = model.of(causes)
         first = first_belief(model.unknowns, rest.before.stamp_ns, causes)
         still = nearly_at_rest(model, extended(rest.before, first), rest.swing)

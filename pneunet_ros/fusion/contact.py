@@ -26,7 +26,6 @@ from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.measurement.swinging_arm import Blow, ERRORS, PLACES
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
-from pneunet_ros.solver.solution import SolverNodes
 
 CONTACT_STARTS = 3  # number of places from which a contact is searched for
 CONTACT_APART = 0.05  # lengths between two contacts; idle in acceptance/sweep.py
@@ -230,9 +229,9 @@ def find_contacts(
     settings, length = problem.settings, problem.table.arm.length
     fit = base = best[1]
     if unexplained and problem.swinging is not None:  # a blow has distorted the fit
-        base = linearized_at(problem, np.zeros(fit.trial.xi.size), problem.prior.solution) or fit
+        base = problem.linearize_at(np.zeros(fit.trial.xi.size), problem.prior.solution) or fit
     if base.trial.residual.size != problem.std.size:  # of all targets, including those left out
-        again = linearized_at(problem, fit.trial.solved, fit.trial.bent.solution)
+        again = problem.linearize_at(fit.trial.solved, fit.trial.bent.solution)
         if again is None:
             return []
         base = again
@@ -276,14 +275,6 @@ def find_contacts(
         if all(abs(place_of(item) - place_of(other)) > separation for other in found):
             found.append(item)
     return [(item, log_share) for item in found]
-
-
-def linearized_at(
-    problem: FrameProblem, xi: Array, start: SolverNodes | None
-) -> FrameLinearization | None:
-    """Return the linearization at xi; None if there is no stable shape."""
-    trial = problem.try_at(xi, start)
-    return None if trial is None else problem.linearize(trial)
 
 
 def place_of(fit: Fit) -> float:

@@ -427,10 +427,14 @@ class FrameProblem:
             turning=turning,
         )
 
+    def linearize_at(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
+        """Return the linearization at xi; None if there is no stable shape."""
+        trial = self.try_at(xi, start)
+        return None if trial is None else self.linearize(trial)
+
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
         """Search from xi for the lowest cost; None if there is no shape at the start."""
-        trial = self.try_at(xi, start)
-        first = None if trial is None else self.linearize(trial)
+        first = self.linearize_at(xi, start)
         if first is None:
             return None
 

@@ -343,7 +343,7 @@ class Fusion:
     ) -> tuple[PressureInstant, Refusal | None]:
         """Return pressure and gravity when a frame was taken, or why gravity is unknown."""
         instant = self.pressure_at(state, shown_ns)
-        stamped_ns = shown_ns - self.delay_ns(state)
+        stamped_ns = shown_ns - (0 if state.belief is None else state.belief.delay_ns)
         gravity, unknown = self.gravity.at(state.readings.gravity, stamped_ns)
         after_all = not state.pressures or shown_ns > state.pressures[-1].stamp_ns
         if after_all or instant.gravity is None:  # gravity turns without a pressure too

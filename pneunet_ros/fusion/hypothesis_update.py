@@ -25,7 +25,7 @@ from pneunet_ros.fusion.frame_update import (
 from pneunet_ros.fusion.inertial_force import TipInFrame
 from pneunet_ros.fusion.prepared_model import PreparedModel
 from pneunet_ros.fusion.readings import path_of, ReadFrame
-from pneunet_ros.fusion.rolling_shutter import read_row_by_row
+from pneunet_ros.fusion.rolling_shutter import last_target_variance, read_row_by_row
 from pneunet_ros.fusion.swinging import propagate_swing, with_blow_on_contact
 from pneunet_ros.measurement.blocks.block import FrameInputs
 from pneunet_ros.measurement.blocks.pressure_error import PressureError, UNREAD
@@ -201,12 +201,10 @@ def with_inertial_force(model: PreparedModel, updated: HypothesisUpdate) -> Hypo
     if not fit[0].used[-1]:
         return updated
     shape, tip = fit[1].trial.bent.shape, updated.problem.unknowns.at(TipForce)
-    rows = fit[0].row_errors
-    by_rows = 0.0 if rows is None else 0.5 * float(np.square(rows[:, :, -1]).sum())
     seen = TipInFrame(
         stamp_ns=after.stamp_ns,
         place=np.array([shape.x[-1], shape.y[-1]]),
-        place_variance=float(fit[0].std[-1]) ** 2 + by_rows,
+        place_variance=float(fit[0].std[-1]) ** 2 + last_target_variance(fit[0]),
         force=after.mean[tip],
         force_variance=np.diag(after.covariance_of(tip)),
     )

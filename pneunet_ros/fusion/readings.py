@@ -115,11 +115,15 @@ class ReadFrame:
         instant, wrench = replace(self.instant, stamp_ns=stamp_ns), self.wrench
         if not self.alone and self.before:
             read = pressure_at(self.before, stamp_ns)
-            rate = 0.0
-            if within:
-                rate = rate_around(self.before, stamp_ns, max(within, Timing.WINDOW))
+            rate = rate_around(self.before, stamp_ns, max(within, Timing.WINDOW))
+            ahead = seconds_since(self.before[-1].stamp_ns, stamp_ns)
+            missed = abs(rate) * max(ahead, 0.0)  # not read yet: it may change as before
             instant = replace(
-                read, gravity=instant.gravity, turn_rate=instant.turn_rate, rate=rate
+                read,
+                std=math.hypot(read.std, missed),
+                gravity=instant.gravity,
+                turn_rate=instant.turn_rate,
+                rate=rate,
             )
         if wrench is not None and self.pulls:
             reading = nearest_to(self.pulls, stamp_ns)

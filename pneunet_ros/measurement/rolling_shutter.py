@@ -15,21 +15,19 @@ READOUT = 1.0 / 30.0
 STAMP_STD = 0.1
 
 
-def row_errors(motion: Array, together: Array, curved: Array, places: Array) -> Array:
+def row_errors(motion: Array, at_once: Array, curved: Array, places: Array) -> Array:
     """Return one sigma of the errors of the targets of a frame, (errors, 2, targets) m.
 
     Args:
         motion: how the arm moves during READOUT, (motions, 2, targets) m, by each cause.
-        together: the part of the motion whose time is read, and not that of the picture, (n, 2,
-            targets) m: that by the pressure.
+        at_once: how all targets move in the time that the stamp may be wrong, (n, 2, targets) m.
         curved: the second-order part of the whole motion, (2, targets) m.
         places: x and y of the targets over the length of the arm, (2, targets).
 
     Returns:
-        Independent errors, relative to the middle row: the time of all targets, and by how much
-        it changes along x and along y (READOUT per length of the arm).
+        Independent errors: at_once; then by how much the time changes from that of the clamp along
+        x and along y (READOUT per length of the arm); then the second-order part.
     """
-    at_once = STAMP_STD / READOUT * together
     apart = [moved * place for place in places for moved in motion]
     return np.stack([*at_once, *apart, *(curved * time**2 for time in (0.5, *places))])
 

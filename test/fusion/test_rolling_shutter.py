@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import first_belief, FRAME_TIMES
+from pneunet_ros.fusion.belief import first_belief, FRAME_TIMES, PRESSURE
 from pneunet_ros.fusion.causes import FrameTimesCause, replace_causes, TargetsCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
@@ -18,7 +18,13 @@ from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.measurement.rolling_shutter import row_errors, second_order_motion
+from pneunet_ros.measurement.rolling_shutter import (
+    READOUT,
+    row_errors,
+    second_order_motion,
+    STAMP_STD,
+)
+from pneunet_ros.model.motion import Motion
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from support.lab_run import true_model
@@ -104,11 +110,6 @@ def test_steps_that_are_seen_at_once_name_nothing(loaded):
     assert not set().union(*named)
 
 
-def test_the_reason_is_said_with_what_to_set():
-    assert 'shutter.readout' in FrameTimesCause.sentence
-    assert 'delay_std' in FrameTimesCause.sentence
-
-
 def test_a_frame_of_an_arm_at_rest_says_nothing_of_its_rows():
     recording, by = recorded(True)
     state, rows, odds, sizes = FusionState(), None, [], []
@@ -133,7 +134,38 @@ def test_a_frame_of_an_arm_at_rest_says_nothing_of_its_rows():
     assert np.max(sizes[moving]) > 3e-3
 
 
-def test_that_the_row_of_targets_changes_between_two_frames_is_rare():
+def test_no_frame_shows_its_times_without_a_pressure_or_where_a_swing_is_known():
+    recorded_, by = recorded(False)
+    stamp, pressure = int(recorded_.stamp_ns[0]), float(recorded_.pressure[0])
+    state, _ = by.step(FusionState(), PressureReading(stamp_ns=stamp, pressure=pressure))
+    seen = sightings(recorded_, 0, 0.0)
+    shown, _ = by.instant_shown(state, by.model.shown_ns(seen))
+    before = first_belief(by.model.unknowns, stamp)
+    updated = update_with_walk(by.model, by.read_frame(state, seen, shown), before)
+    swings = Fusion(arm=dataclasses.replace(by.arm, motion=Motion(damping_time=0.03)))
+    assert FrameTimesCause().is_possible(by.model, updated)
+    assert not FrameTimesCause().is_possible(swings.model, updated)
+    ignoring = dataclasses.replace(updated, before=replace_causes(before, PRESSURE))
+    assert not FrameTimesCause().is_possible(by.model, ignoring)
+
+
+def test_a_pressure_that_is_not_read_yet_may_change_as_before():
+    """A frame of unknown times is taken for later than its stamp, and its rivals do not wait."""
+    recorded_, by = recorded(False)
+    state = FusionState()
+    for frame in range(84):  # the first step begins at frame 80
+        stamp, pressure = int(recorded_.stamp_ns[frame]), float(recorded_.pressure[frame])
+        state, _ = by.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
+    seen = sightings(recorded_, 83, 0.0)
+    shown, _ = by.instant_shown(state, by.model.shown_ns(seen))
+    frame = by.read_frame(state, seen, shown)
+    late_ns = round(0.5e9 * READOUT)
+    later, missed = frame.delayed(late_ns, 0.0).instant, abs(np.diff(recorded_.pressure[82:84])[0])
+    assert later.std > 0.5 * missed * RATE * 1e-9 * late_ns
+    assert frame.delayed(-late_ns, 0.0).instant.std < 0.1 * later.std
+
+
+def test_that_targets_change_between_two_frames_is_rare():
     recorded_, by = recorded(False)
     state, odds = FusionState(), []
     for frame in range(2):
@@ -145,21 +177,19 @@ def test_that_the_row_of_targets_changes_between_two_frames_is_rare():
         updated = update_with_walk(by.model, by.read_frame(state, seen, shown), before)
         odds.append([earlier for _, earlier in TargetsCause().alternatives(by.model, updated)])
         state, _ = by.step(state, seen)
-    assert odds == [[0.0, 0.0], [-2.0 * by.settings.odds_against, 0.0]]
+    assert odds == [[0.0] * 2, [-2.0 * by.settings.odds_against] * 2]
 
 
 def test_row_errors_are_those_of_the_times_of_the_targets():
     """Targets that move evenly, seen at times that change linearly over the picture."""
     velocity = np.array([[0.0, 0.1, 0.4], [0.2, 0.3, 0.1]])
     places = np.array([[0.1, 0.5, 0.9], [0.0, 0.2, 0.4]])
-    readout = 1.0 / 30.0
-    errors = row_errors(
-        readout * velocity[None], readout * velocity[None], np.zeros((2, 3)), places
-    )
+    motion, at_once = READOUT * velocity[None], STAMP_STD * velocity[None]
+    errors = row_errors(motion, at_once, np.zeros((2, 3)), places)
     for time, x, y in ((0.01, 0.0, 0.0), (0.0, 0.02, 0.0), (0.004, -0.01, 0.015)):
         seen = velocity * (time + x * places[0] + y * places[1])
-        amounts, *_ = np.linalg.lstsq(errors.reshape(len(errors), -1).T, seen.ravel(), rcond=None)
-        assert np.abs(np.tensordot(amounts, errors, axes=1) - seen).max() < 1e-12
+        amounts = np.array([time / STAMP_STD, x / READOUT, y / READOUT])
+        assert np.abs(np.tensordot(amounts, errors[:3], axes=1) - seen).max() < 1e-12
 
 
 def test_second_order_motion_is_what_a_linear_one_leaves_out():
