@@ -419,12 +419,15 @@ class FrameTimesCause(Cause):
     )
 
     def is_possible(self, model: PreparedModel, updated: HypothesisUpdate) -> bool:
-        """Return whether a frame can show it: the model error and the pressure are known.
+        """Return whether a frame can show it: model error, pressure and force sensor are known.
 
         A blow on an arm that swings by its model looks like that too.
         """
-        known = model.camera_is_observable and PRESSURE not in updated.before.causes
-        return known and model.swinging is None
+        causes = updated.before.causes
+        if not model.camera_is_observable or model.swinging is not None or PRESSURE in causes:
+            return False
+        unread = model.settings.free_tip or model.used(updated.frame, causes).wrench is None
+        return unread or model.force_sensor_is_confirmed(updated.before)
 
     def alternatives(
         self, model: PreparedModel, updated: HypothesisUpdate

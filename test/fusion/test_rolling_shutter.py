@@ -6,7 +6,7 @@ import dataclasses
 from functools import cache
 
 import numpy as np
-from pneunet_ros.core.readings import PressureReading, TargetSightings
+from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import first_belief, FRAME_TIMES, PRESSURE
@@ -14,6 +14,7 @@ from pneunet_ros.fusion.causes import FrameTimesCause, replace_causes, TargetsCa
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.hypothesis_update import problem_of, update_with_walk
+from pneunet_ros.fusion.readings import NearWrench
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.protocols import Corners
 from pneunet_ros.lab.sensors import Rates
@@ -134,7 +135,8 @@ def test_a_frame_of_an_arm_at_rest_says_nothing_of_its_rows():
     assert np.max(sizes[moving]) > 3e-3
 
 
-def test_no_frame_shows_its_times_without_a_pressure_or_where_a_swing_is_known():
+def test_no_frame_shows_its_times_where_another_cause_looks_like_it():
+    """No pressure, a blow on an arm that swings, or a force sensor that may be wrong."""
     recorded_, by = recorded(False)
     stamp, pressure = int(recorded_.stamp_ns[0]), float(recorded_.pressure[0])
     state, _ = by.step(FusionState(), PressureReading(stamp_ns=stamp, pressure=pressure))
@@ -147,6 +149,11 @@ def test_no_frame_shows_its_times_without_a_pressure_or_where_a_swing_is_known()
     assert not FrameTimesCause().is_possible(swings.model, updated)
     ignoring = dataclasses.replace(updated, before=replace_causes(before, PRESSURE))
     assert not FrameTimesCause().is_possible(by.model, ignoring)
+    pulled = WrenchReading(
+        stamp_ns=stamp, force_x=0.0, force_y=0.0, moment=0.0, frame_id='pneunet_base'
+    )
+    read = dataclasses.replace(updated.frame, wrench=NearWrench(reading=pulled, age=0.0, std=1e-3))
+    assert not FrameTimesCause().is_possible(by.model, dataclasses.replace(updated, frame=read))
 
 
 def test_a_pressure_that_is_not_read_yet_may_change_as_before():
