@@ -36,7 +36,11 @@ from pneunet_ros.core.readings import ImuReading, PressureReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.belief import FRAME_TIMES, MIRRORED, MOTION
 from pneunet_ros.fusion.belief_estimate import SETUP_PROBLEMS
+from pneunet_ros.fusion.causes import CAUSES as NAMED
+from pneunet_ros.fusion.causes import TARGETS
+from pneunet_ros.fusion.causes import TILT as TILTED
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
@@ -69,6 +73,7 @@ IN_95 = float(chi2.ppf(0.95, 2))
 CONTACT, AMBIGUOUS = 'a contact along the arm', 'an ambiguous force'
 NOTHING = 'nothing wrong', 'nothing wrong, unloaded'
 ACCUSED = 0.01  # of the readings, in sum, where nothing is wrong
+WRONG, MOST_WRONG = 0.03, 0.05  # share of readings that a wrong cause is named in, of recordings
 # Of a reading: errors (m, N) and NEES of tip and force, and how many components there are of it.
 NUMBERS = ('tip', 'tip_nees', 'force', 'force_nees', 'components')
 SENTENCES = 24  # that are kept apart
@@ -82,7 +87,8 @@ class Cause:
     scenario. seen: what a recording's frames become. ripple (Pa): of the reading alone. imu: an
     accelerometer is read at the base. loses: whether the film has lost frames, and is stamped k /
     fps; late (s): stamps of frames, behind their exposure; behind (s): readings of the pressure,
-    behind the chamber; delay_std (s): what the fusion is told of that.
+    behind the chamber; delay_std (s): what the fusion is told of that. right:
+    names of causes of the fusion that are right.
     """
 
     ramp: float = 0.6
@@ -96,6 +102,7 @@ class Cause:
     late: float = 0.0
     behind: float = 0.0
     delay_std: float = 0.0
+    right: tuple[str, ...] = ()
 
 
 def beside(recording: LabRecording, off: float = 3e-3) -> LabRecording:
@@ -152,26 +159,39 @@ STEPS = LabMotion(damping_time=0.03)
 CAUSES = {
     'nothing wrong': Cause(),
     'nothing wrong, unloaded': Cause(loaded=False),
-    'the arm has mass, slow ramps': Cause(ramp=2.0, motion=STEPS),
-    'the arm has mass, steps': Cause(ramp=0.1, motion=STEPS),
-    'the arm has mass, steps, unloaded': Cause(ramp=0.1, loaded=False, motion=STEPS),
-    'table tilted by 10 degrees': Cause(
-        changes={'gravity': {'weight_y': -TILT}}  # of mg / l, see `recording_of`
+    'the arm has mass, slow ramps': Cause(ramp=2.0, motion=STEPS, right=(MOTION,)),
+    'the arm has mass, steps': Cause(ramp=0.1, motion=STEPS, right=(MOTION,)),
+    'the arm has mass, steps, unloaded': Cause(
+        ramp=0.1, loaded=False, motion=STEPS, right=(MOTION,)
     ),
-    'dots 3 mm beside the neutral line': Cause(seen=lambda one, _: beside(one)),
-    'dots 5 % closer': Cause(seen=lambda one, _: closer(one)),
+    'table tilted by 10 degrees': Cause(
+        changes={'gravity': {'weight_y': -TILT}},  # of mg / l, see `recording_of`
+        right=(TILTED,),
+    ),
+    'dots 3 mm beside the neutral line': Cause(seen=lambda one, _: beside(one), right=(TARGETS,)),
+    'dots 5 % closer': Cause(seen=lambda one, _: closer(one), right=(TARGETS,)),
     'friction: a play of 4 kPa': Cause(changes={'hysteresis': {'width': 4e3}}),
-    'mirrored image': Cause(seen=lambda one, _: dataclasses.replace(one, y=-one.y)),
-    '3 % lost frames, stamped k / fps': Cause(loses=True),
-    '3 % lost frames, and delay_std of a frame': Cause(loses=True, delay_std=ONE_FRAME),
-    'frames stamped 0.15 s late': Cause(late=0.15),
-    'frames stamped 0.15 s late, and delay_std': Cause(late=0.15, delay_std=ONE_FRAME),
-    'pressure read 0.15 s late': Cause(behind=0.15),
-    'pressure read 0.15 s late, and delay_std': Cause(behind=0.15, delay_std=ONE_FRAME),
+    'mirrored image': Cause(
+        seen=lambda one, _: dataclasses.replace(one, y=-one.y), right=(MIRRORED,)
+    ),
+    '3 % lost frames, stamped k / fps': Cause(loses=True, right=(FRAME_TIMES,)),
+    '3 % lost frames, and delay_std of a frame': Cause(
+        loses=True, delay_std=ONE_FRAME, right=(FRAME_TIMES,)
+    ),
+    'frames stamped 0.15 s late': Cause(late=0.15, right=(FRAME_TIMES,)),
+    'frames stamped 0.15 s late, and delay_std': Cause(
+        late=0.15, delay_std=ONE_FRAME, right=(FRAME_TIMES,)
+    ),
+    'pressure read 0.15 s late': Cause(behind=0.15, right=(FRAME_TIMES,)),
+    'pressure read 0.15 s late, and delay_std': Cause(
+        behind=0.15, delay_std=ONE_FRAME, right=(FRAME_TIMES,)
+    ),
     'nothing wrong, but delay_std': Cause(delay_std=ONE_FRAME),
-    'rolling shutter of 33 ms, steps': Cause(ramp=0.1, seen=lambda one, _: rolling(one)),
+    'rolling shutter of 33 ms, steps': Cause(
+        ramp=0.1, seen=lambda one, _: rolling(one), right=(FRAME_TIMES,)
+    ),
     'rolling shutter and mass, steps': Cause(
-        ramp=0.1, motion=STEPS, seen=lambda one, _: rolling(one)
+        ramp=0.1, motion=STEPS, seen=lambda one, _: rolling(one), right=(FRAME_TIMES, MOTION)
     ),
     '2.5 kPa of valve ripple at 27 Hz': Cause(ripple=2.5e3),
 }
@@ -369,6 +389,20 @@ def worst_of(recordings: Array) -> dict[str, float]:
     return worst
 
 
+def wrongly_named(rigs: list[dict[str, Array]], name: str) -> int:
+    """Return in how many recordings a cause is named for long that is not there."""
+    kinds = {one.name: kind_of(one.sentence) for one in NAMED}
+    wrong = ACCUSATIONS - {kinds[right] for right in CAUSES[name].right}
+    every = (row for rig in rigs for row in rig[f'{name}: said'])
+    return sum(
+        any(
+            text.partition(' ')[2] in wrong and float(text.partition(' ')[0]) > WRONG
+            for text in row.tolist()
+        )
+        for row in every
+    )
+
+
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each cause came to."""
     causes = {}
@@ -385,7 +419,11 @@ def summary_of(rigs: list[dict[str, Array]]) -> dict:
     missed += [f'{name}: {what} = {one[what]:.3f}, wanted {low:g} at least'
                for name, one in causes.items() for what, low in lowest.items()
                if one[what] < low]  # fmt: skip
-    return {'causes': causes, 'missed': missed}
+    wrong = {name: wrongly_named(rigs, name) for name in CAUSES}
+    share = sum(wrong.values()) / sum(len(rig[name]) for rig in rigs for name in CAUSES)
+    if share > MOST_WRONG:
+        missed.append(f'wrong causes: {share:.3f} of recordings, wanted {MOST_WRONG:g} at most')
+    return {'causes': causes, 'wrong': wrong, 'missed': missed}
 
 
 def show(summary: dict, title: str) -> None:
@@ -408,6 +446,8 @@ def show(summary: dict, title: str) -> None:
             f'{1e3 * one["force_rms"]:.1f} mN | {force} | '
             f'{one["one_component"]:.2f} | {one["withheld"]:.2f} | {said or "nothing"} |'
         )
+    wrong = ', '.join(f'{name}: {count}' for name, count in summary['wrong'].items() if count)
+    print(f'recordings with a wrong cause: {wrong or "none"}')
     print('\n'.join(summary['missed'] or ['all goals reached']))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import everyday_causes as bench
 import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
-from pneunet_ros.fusion.causes import PressureCause
+from pneunet_ros.fusion.causes import MotionCause, PressureCause
 from pneunet_ros.model.domain_position import LOAD_BEYOND
 import pytest
 
@@ -131,6 +131,24 @@ def test_only_causes_and_contacts_accuse_an_arm_with_which_nothing_is_wrong(caps
         assert len(worst) == len(bench.CAUSES)
     bench.show(summary, 'title')
     assert '| 0.80 (0.60) |' in capsys.readouterr().out
+
+
+def test_a_cause_that_is_not_there_is_counted_and_the_right_one_is_not():
+    rows = np.zeros((2, 100, len(bench.NUMBERS)))
+    rows[..., 3] = np.nan
+    swing = f'0.500000 {bench.kind_of(MotionCause.sentence)}'
+    rig = dict.fromkeys(bench.CAUSES, rows)
+    rig |= {f'{one}: said': np.array([[''], ['']]) for one in bench.CAUSES}
+    rig |= {
+        f'{one}: said': np.array([[swing], [swing.replace('0.5', '0.02')]])
+        for one in ('the arm has mass, steps', 'table tilted by 10 degrees', *bench.NOTHING)
+    }
+    wrong = bench.summary_of([rig])['wrong']
+    assert {name: count for name, count in wrong.items() if count} == {
+        'table tilted by 10 degrees': 1,
+        'nothing wrong': 1,
+        'nothing wrong, unloaded': 1,
+    }
 
 
 def test_rows_of_shorter_recordings_are_kept_under_another_name(monkeypatch):
