@@ -13,7 +13,14 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_since
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane
-from pneunet_ros.fusion.belief import Belief, first_belief, FORCE_SENSOR, PRESSURE
+from pneunet_ros.fusion.belief import (
+    Belief,
+    first_belief,
+    FORCE_SENSOR,
+    FRAME_TIMES,
+    MOTION,
+    PRESSURE,
+)
 from pneunet_ros.fusion.bent_arm import bend_arm, BentArm, causes_with_contact
 from pneunet_ros.fusion.causes import CAMERA, CAUSES
 from pneunet_ros.fusion.contact import Contact, CONTACT_APART
@@ -130,7 +137,9 @@ def estimate_at(
     determinable = mode is not Mode.PREDICTION and not model.stiffness_unknown
     contact = contact_at(model, state, arm, used) if determinable else None
     ambiguous = state.search.ambiguous or (contact is not None and contact.ambiguous)
-    unknown = ambiguous or model.stiffness_unknown
+    # The force on a swinging arm follows from its acceleration, and that from the times of frames.
+    timeless = used is None and arm.belief.causes >= {FRAME_TIMES, MOTION}
+    unknown = ambiguous or timeless or model.stiffness_unknown
     fault = None
     if FORCE_SENSOR in state.certain_causes:
         fault = sensor_fault(model, arm.belief, instant, read, unknown=unknown)

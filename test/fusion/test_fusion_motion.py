@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import MIRRORED, MOTION
+from pneunet_ros.fusion.belief import FRAME_TIMES, MIRRORED, MOTION
 from pneunet_ros.fusion.causes import MotionCause, TiltCause
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.frame_update import known_bending
@@ -155,6 +155,24 @@ def test_a_load_that_is_read_accuses_no_force_sensor_by_a_model_without_motion()
     assert state.causes == {MOTION}
     assert all(one.force_sensor is None for _, one in estimates)
     assert np.mean(rows[:, 2] < IN_95) > 0.9
+
+
+def test_the_force_on_an_arm_that_swings_at_unknown_times_is_withheld():
+    """It follows from the acceleration, and that from the times of the frames."""
+    (recording, _), (_, _, state) = recorded(False), fused(False, False, known=False)
+    by = Fusion(arm=dataclasses.replace(fusion().arm, motion=None))
+    last, pressure = int(recording.stamp_ns[-1]), float(recording.pressure[-1])
+    reading = PressureReading(stamp_ns=last + 10_000_000, pressure=pressure)
+    leading, *rest = state.bank
+    causes = leading.belief.causes | {FRAME_TIMES}
+    assert MOTION in causes
+    leading = dataclasses.replace(
+        leading, belief=dataclasses.replace(leading.belief, causes=causes)
+    )
+    _, with_times = by.step(state, reading)
+    _, without = by.step(dataclasses.replace(state, bank=(leading, *rest)), reading)
+    assert np.isfinite(with_times.force).any()
+    assert np.isnan(without.force).all()
 
 
 def test_frames_of_an_arm_at_rest_leave_a_swing_as_likely_as_it_was():
